@@ -29,7 +29,7 @@ from estimators.filtering.creep import (
     yields,
 )
 from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
-from estimators.filtering.rounding import repeats, unread
+from estimators.filtering.rounding import kept, repeats
 from estimators.steps.castor_odometry import displace, sinc
 from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, SINGULAR, bent, equation, solved, swivelled
 
@@ -65,7 +65,8 @@ on swivelling after their last reading, as wheels say. Where dimensions are know
 much, and what they say of the last part of a count is no better."""
 
 SWIVEL = 3
-"""Where measured states begin: after the pose; n castors, d wheels, no side slip of c, and a gyro, if there is one."""
+"""Where castors' angles begin, after the pose; behind n of these what is measured: d wheels, no side slip of c, and a
+gyro, if there is one."""
 RESIDUAL, VARIANCE, SLIPS, GATES = range(4)
 
 
@@ -266,7 +267,7 @@ def _advance(
     """
     n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
     q = measured.shape[1]
-    first, at = SWIVEL + n, SWIVEL + q
+    first, at = SWIVEL + n, SWIVEL + n + q
     numbers = 2 * d + 4 * n
     compliance = at + numbers
     for robot in range(castors.shape[0]):
@@ -324,8 +325,17 @@ def _advance(
                     moves[k, first + i] *= scale
                 found[SWING, i] *= scale
                 carry[first + i, first + i] = 1.0
-            for r in range(first):
+            for r in range(SWIVEL):
                 carry[r, r] = 1.0
+            for j in range(n):
+                part, at_castor = kept(carried[robot, j], filters[f].settles != 0), SWIVEL + j
+                carry[at_castor, at_castor] = part
+                for i in range(m):
+                    if rows[robot, i].castor == j:
+                        by_loss = (part - 1.0) * found[SWING, i]
+                        carry[at_castor, first + i] += by_loss
+                        found[LEFT, i] += by_loss * x[at_castor]
+                x[at_castor] *= part
             # The pose.
             psi = x[2] + 0.5 * turn
             cos, sin = math.cos(psi), math.sin(psi)
@@ -359,12 +369,9 @@ def _advance(
             # Noise of the sample, and what is measured.
             for j in range(n):
                 of_castor, swivel = carried[robot, j], castors[robot, j].swivel
-                beyond, rounding = unread(of_castor, filters[f].settles != 0)
-                at_castor = SWIVEL + j
+                at_castor, step = SWIVEL + j, of_castor.step
+                beyond = step * step / 12.0 * (1.0 - carry[at_castor, at_castor] ** 2)
                 p[at_castor, at_castor] += beyond
-                measured[RESIDUAL, j] = -x[at_castor]
-                measured[VARIANCE, j] = rounding
-                measured[SLIPS, j] = 0.0
                 for i in range(m):
                     if rows[robot, i].castor != j:
                         continue
@@ -374,7 +381,7 @@ def _advance(
                     for other in range(m):
                         if rows[robot, other].castor == j:
                             p[first + i, first + other] += by_swing * found[SWING, other]
-                    here, variance = n + i, unevenness(found, i, of_castor, swivel, uneven)
+                    variance = unevenness(found, i, of_castor, swivel, uneven)
                     if i < d:
                         of_wheel = wheels[robot, i]
                         scale = found[SCALE, i]
@@ -382,25 +389,25 @@ def _advance(
                         p[at + i, at + i] += WEAR**2 * abs(rolled / scale)
                         p[first + i, first + i] += variance * scale * scale
                         x[first + i] += found[LEFT, i] - scale * found[CREEP, i] * (1.0 + x[compliance]) - rolled
-                        measured[RESIDUAL, here] = -x[first + i]
-                        measured[VARIANCE, here] = of_wheel.count**2 / 12.0
-                        measured[SLIPS, here] = (RELEASED / of_wheel.radius) ** 2
+                        measured[RESIDUAL, i] = -x[first + i]
+                        measured[VARIANCE, i] = of_wheel.count**2 / 12.0
+                        measured[SLIPS, i] = (RELEASED / of_wheel.radius) ** 2
                     else:
-                        measured[RESIDUAL, here] = found[CREEP, i] * (1.0 + x[compliance]) - found[LEFT, i]
-                        measured[VARIANCE, here] = LEAST + variance
-                        measured[SLIPS, here] = RELEASED**2
+                        measured[RESIDUAL, i] = found[CREEP, i] * (1.0 + x[compliance]) - found[LEFT, i]
+                        measured[VARIANCE, i] = LEAST + variance
+                        measured[SLIPS, i] = RELEASED**2
             crept(p, first, rows, robot, filters[f].slip, moves, found, held, bearing)
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
             gates = measured[GATES]
             log_likelihood[robot, f] -= 0.5 * released(
-                p, SWIVEL, moves, residual, variance, slips, gates, factor, whitened, small
+                p, first, moves, residual, variance, slips, gates, factor, whitened, small
             )
-            for i in range(n, n + m):
+            for i in range(m):
                 if slips[i] < 0.0:
                     freed[robot, f, i] = -slips[i]
-                    if i < n + d:
-                        p[SWIVEL + i, SWIVEL + i] -= slips[i]
-            corrected(x, p, SWIVEL, moves, factor, whitened, small, spread)
+                    if i < d:
+                        p[first + i, first + i] -= slips[i]
+            corrected(x, p, first, moves, factor, whitened, small, spread)
         for j in range(n):
             carried[robot, j].last = castors[robot, j].swivel
         believed(start, state, log_likelihood, robot, pose)
