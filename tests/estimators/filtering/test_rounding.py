@@ -20,7 +20,7 @@ def castor(kind=TRAILING, lasted=1.0, repeated=0.0, settling=1.0):
 
 
 def parts(changes, carried, way=0.0, *, settles=False):
-    """Yield what is kept of the error in samples where a reading changes or not, and the castor rolls `way`, m, in each."""
+    """Yield what is kept of the error in samples where a reading changes or not; the castor rolls `way`, m, in each."""
     castors, wheels, rows = (np.zeros((1, 1), of).view(np.recarray) for of in (CASTOR, WHEEL, ROW))
     wheels["radius"], wheels["count"] = 1.0, 1.0
     for changed in changes:
