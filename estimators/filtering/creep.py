@@ -56,11 +56,14 @@ CHASSIS = np.dtype(
 CARRIED = np.dtype(
     [
         # step of a castor's encoder, rad; its kind, `FIXED` to `TRAILING`; offset, m; swivel in the sample before, rad;
-        # what is left of its last swivel: 1 where its reading changes
+        # samples that the reading before lasted, and for which the present one has stayed; what is left of its last
+        # swivel: 1 where its reading changes
         ("step", float),
         ("kind", np.int64),
         ("offset", float),
         ("last", float),
+        ("lasted", float),
+        ("repeated", float),
         ("settling", float),
         # mass and inertia, as `inertias` has them
         ("mass", float),

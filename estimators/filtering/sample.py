@@ -16,7 +16,6 @@ from estimators.filtering.creep import (
     CARRIED,
     CHASSIS,
     CREEP,
-    FIXED,
     LEFT,
     SCALE,
     SWING,
@@ -30,6 +29,7 @@ from estimators.filtering.creep import (
     yields,
 )
 from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
+from estimators.filtering.rounding import kept, repeats
 from estimators.steps.castor_odometry import displace, sinc
 from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, SINGULAR, bent, equation, solved, swivelled
 
@@ -43,13 +43,9 @@ With one equation more than needed, as of two wheels and a gyro, it never is."""
 RELEASED = 2e-2
 """m: standard deviation of the slip of a released measurement in a sample."""
 
-STEADY, CHANGING, TURNED = 0.02, 0.41, 3.0
-"""Standard deviation of what a castor swivels beyond what was read, in steps of its encoder: of a castor whose
-reading stays, of others that a motor turns, and that the floor turns. A reading that repeats says nothing new: its
-error is that of the last, as long as the castor stands."""
-
 AGAIN = 2.0
-"""The same of a measurement that was released in the sample before: what slips goes on slipping for a while."""
+"""Standard deviations of a residual beyond which a measurement is released again that was so in the sample before: what
+slips goes on slipping for a while."""
 
 WEAR = 1e-4
 """After 1 m: random walk of radii, 0.3 % in a kilometre, as of tyres under a payload."""
@@ -69,7 +65,8 @@ on swivelling after their last reading, as wheels say. Where dimensions are know
 much, and what they say of the last part of a count is no better."""
 
 SWIVEL = 3
-"""Where measured states begin: after the pose; n castors, d wheels, no side slip of c, and a gyro, if there is one."""
+"""Where castors' angles begin, after the pose; behind n of these what is measured: d wheels, no side slip of c, and a
+gyro, if there is one."""
 RESIDUAL, VARIANCE, SLIPS, GATES = range(4)
 
 
@@ -155,20 +152,6 @@ def turn_off_mean(castors, rows, robot, found, first, moves, small):
         small[k, k] += least
     inverted(small)
     return 0.5 * motion(small, 2)
-
-
-def settled(castors, carried, wheels, rows, robot, wheel):
-    """Write into `carried` what is left of castors' last swivels: along a tractrix it falls as exp(-way / offset)."""
-    for j in range(carried.shape[1]):
-        castor, way = carried[robot, j], 0.0
-        for i in range(wheels.shape[1]):
-            of_wheel, row = wheels[robot, i], rows[robot, i]
-            if row.castor == j:
-                way = max(way, abs(of_wheel.radius * of_wheel.count * wheel[robot, row.wheel]))
-        if castors[robot, j].swivel != 0.0:
-            castor.settling = 1.0
-        elif castor.offset > 0.0:
-            castor.settling *= math.exp(-way / castor.offset)
 
 
 def unevenness(found, i, castor, swivel, uneven):
@@ -284,19 +267,20 @@ def _advance(
     """
     n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
     q = measured.shape[1]
-    first, at = SWIVEL + n, SWIVEL + q
+    first, at = SWIVEL + n, SWIVEL + n + q
     numbers = 2 * d + 4 * n
     compliance = at + numbers
     for robot in range(castors.shape[0]):
         swivelled(castors, robot, pivot, 0.5)
         timed(chassis, clock, robot)
-        settled(castors, carried, wheels, rows, robot, wheel)
         turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
         moves_on = duration > 0.0
         for j in range(n):
             moves_on = moves_on or castors[robot, j].swivel != 0.0
         for i in range(d):
             moves_on = moves_on or wheel[robot, rows[robot, i].wheel] != 0.0
+        if moves_on:
+            repeats(castors, carried, wheels, rows, robot, wheel)
         for f in range(filters.shape[0]):
             if not moves_on:
                 for k in range(before.shape[2]):
@@ -341,8 +325,17 @@ def _advance(
                     moves[k, first + i] *= scale
                 found[SWING, i] *= scale
                 carry[first + i, first + i] = 1.0
-            for r in range(first):
+            for r in range(SWIVEL):
                 carry[r, r] = 1.0
+            for j in range(n):
+                part, at_castor = kept(carried[robot, j], filters[f].settles != 0), SWIVEL + j
+                carry[at_castor, at_castor] = part
+                for i in range(m):
+                    if rows[robot, i].castor == j:
+                        by_loss = (part - 1.0) * found[SWING, i]
+                        carry[at_castor, first + i] += by_loss
+                        found[LEFT, i] += by_loss * x[at_castor]
+                x[at_castor] *= part
             # The pose.
             psi = x[2] + 0.5 * turn
             cos, sin = math.cos(psi), math.sin(psi)
@@ -376,18 +369,9 @@ def _advance(
             # Noise of the sample, and what is measured.
             for j in range(n):
                 of_castor, swivel = carried[robot, j], castors[robot, j].swivel
-                step, changed = of_castor.step, swivel != 0.0
-                unread = STEADY
-                if changed:
-                    unread = TURNED if of_castor.kind == TRAILING else CHANGING
-                elif of_castor.kind == TRAILING and filters[f].settles != 0:
-                    unread = max(STEADY, TURNED * of_castor.settling)
-                beyond, at_castor = (unread * step) ** 2, SWIVEL + j
+                at_castor, step = SWIVEL + j, of_castor.step
+                beyond = step * step / 12.0 * (1.0 - carry[at_castor, at_castor] ** 2)
                 p[at_castor, at_castor] += beyond
-                rounding = step * step / 12.0 if changed else 1.0
-                measured[RESIDUAL, j] = -x[at_castor]
-                measured[VARIANCE, j] = rounding + (1.0 if of_castor.kind == FIXED else 0.0)
-                measured[SLIPS, j] = 0.0
                 for i in range(m):
                     if rows[robot, i].castor != j:
                         continue
@@ -397,7 +381,7 @@ def _advance(
                     for other in range(m):
                         if rows[robot, other].castor == j:
                             p[first + i, first + other] += by_swing * found[SWING, other]
-                    here, variance = n + i, unevenness(found, i, of_castor, swivel, uneven)
+                    variance = unevenness(found, i, of_castor, swivel, uneven)
                     if i < d:
                         of_wheel = wheels[robot, i]
                         scale = found[SCALE, i]
@@ -405,25 +389,25 @@ def _advance(
                         p[at + i, at + i] += WEAR**2 * abs(rolled / scale)
                         p[first + i, first + i] += variance * scale * scale
                         x[first + i] += found[LEFT, i] - scale * found[CREEP, i] * (1.0 + x[compliance]) - rolled
-                        measured[RESIDUAL, here] = -x[first + i]
-                        measured[VARIANCE, here] = of_wheel.count**2 / 12.0
-                        measured[SLIPS, here] = (RELEASED / of_wheel.radius) ** 2
+                        measured[RESIDUAL, i] = -x[first + i]
+                        measured[VARIANCE, i] = of_wheel.count**2 / 12.0
+                        measured[SLIPS, i] = (RELEASED / of_wheel.radius) ** 2
                     else:
-                        measured[RESIDUAL, here] = found[CREEP, i] * (1.0 + x[compliance]) - found[LEFT, i]
-                        measured[VARIANCE, here] = LEAST + variance
-                        measured[SLIPS, here] = RELEASED**2
+                        measured[RESIDUAL, i] = found[CREEP, i] * (1.0 + x[compliance]) - found[LEFT, i]
+                        measured[VARIANCE, i] = LEAST + variance
+                        measured[SLIPS, i] = RELEASED**2
             crept(p, first, rows, robot, filters[f].slip, moves, found, held, bearing)
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
             gates = measured[GATES]
             log_likelihood[robot, f] -= 0.5 * released(
-                p, SWIVEL, moves, residual, variance, slips, gates, factor, whitened, small
+                p, first, moves, residual, variance, slips, gates, factor, whitened, small
             )
-            for i in range(n, n + m):
+            for i in range(m):
                 if slips[i] < 0.0:
                     freed[robot, f, i] = -slips[i]
-                    if i < n + d:
-                        p[SWIVEL + i, SWIVEL + i] -= slips[i]
-            corrected(x, p, SWIVEL, moves, factor, whitened, small, spread)
+                    if i < d:
+                        p[first + i, first + i] -= slips[i]
+            corrected(x, p, first, moves, factor, whitened, small, spread)
         for j in range(n):
             carried[robot, j].last = castors[robot, j].swivel
         believed(start, state, log_likelihood, robot, pose)

@@ -23,7 +23,7 @@ robot with n castors, d wheels with encoders and c castors that do not slip to t
     compliance (1)   by what part contacts creep more under forces than described
     bias (1)         of the gyro, rad/s, and the noise of its last reading (1)
 
-Of these `sample` measures swivel, roll, side and turn.
+Of these `sample` measures roll, side and turn; `rounding` says for how long swivel stays what it is.
 
 Wheels on modules without offset that motors steer (swerve) turn as they are commanded, by the numbers described, and
 agree with these though the true ones differ: contacts creep by what contradicts, until their forces balance. Of such a
@@ -136,6 +136,7 @@ class CalibratingFilter:
         trailing = geometry.trailing[..., rows.known] & np.logical_not(driven)
         carried["kind"] = np.where(fixed, FIXED, np.where(trailing, TRAILING, STEERED))
         chassis, mass, inertia = inertias(geometry)
+        carried["lasted"] = 1.0
         carried["mass"], carried["inertia"] = mass[..., rows.known], inertia[..., rows.known]
         wheels = np.zeros((*geometry.offset.shape[:-1], d), WHEEL)
         wheels["radius"], wheels["lateral"] = geometry.radius[..., rows.wheels], geometry.lateral[..., rows.wheels]
@@ -170,7 +171,7 @@ class CalibratingFilter:
             known = np.broadcast_to(known, (*lead, *known.shape[-3:])).copy()
             known[..., :3, :3] = of_start[..., None, :, :]
 
-        q = n + m + gyro
+        q = m + gyro
         clock = np.multiply.outer(geometry.sample_period, np.array([-np.inf, -np.inf, 1.0, 1.0]))
         parts = [
             *map(Part, (castors, carried, wheels, equations, start, start)),
@@ -217,8 +218,8 @@ class CalibratingFilter:
 
     @property
     def released(self) -> NDArray[np.bool_]:
-        """Which measurements (..., filters, q) were released in the last sample: readings of castors, counts of wheels,
-        no side slip of castors, the gyro."""
+        """Which measurements (..., filters, q) were released in the last sample: counts of wheels, no side slip of
+        castors, the gyro."""
         return self._stack.parts[FREED] > 0
 
     @property
