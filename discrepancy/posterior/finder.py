@@ -292,7 +292,7 @@ def named_together(
                     refused |= unlikely
                     continue
             more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
-            better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds)
+            better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds, _same(answers, seen))
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
                 return named, seen, posterior, answers
             tried.append(families_of(better[0]))
@@ -308,6 +308,12 @@ def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) ->
             for name in answer.credible:
                 if name in causes and name not in families_of(named):
                     yield (*named[:k], in_place_of(named[k], causes[name], seen), *named[k + 1 :])
+
+
+def _same(answers: Sequence[Answer], seen: Seen) -> dict[Cause, list[Cause]]:
+    """Return the effects that are the same as those of answers on this vehicle, whatever it does."""
+    causes = {cause.family: cause for cause in seen.candidates if cause.kinds}
+    return {answer.candidate: [causes[name] for name in answer.alike if name in causes] for answer in answers}
 
 
 def _unlikely(

@@ -1,10 +1,11 @@
 """Puts effects into the model and finds their maximum-likelihood sizes, with the states fitted anew at each step."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -183,6 +184,7 @@ def exchanged(
     seen: S,
     more: Sequence[Sized] = (),
     odds: float = 0.0,
+    same: Mapping[Cause, Sequence[Cause]] = MappingProxyType({}),
 ) -> tuple[tuple[Sized, ...], S] | None:
     """Return effects with which logs are likelier than with those in the model, and the statistics beside them; None if
     there are none.
@@ -191,13 +193,17 @@ def exchanged(
     one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
     Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
     their sizes are (`_log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
-    first size given of it put in the place of each in the model.
+    first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
+    distinguishes from them, as they differ by where the reference is mounted; the likeliest is taken.
     """
     best, found = seen.log_evidence, None
     of_named = _log_prior(named, seen)
     added = [((*named, effect), LOG_ODDS - odds) for effect in more]
     first_sizes = {effect.candidate: effect for effect in reversed(more)}.values()
     added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in first_sizes]
+    for k, effect in enumerate(named):
+        instead = (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ()))
+        added += [((*named[:k], other, *named[k + 1 :]), 0.0) for other in instead]
     for effects, advantage in [*_alternatives(named, large, seen), *added]:
         refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
         if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):

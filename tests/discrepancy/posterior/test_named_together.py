@@ -36,7 +36,9 @@ def look(effects, likelier) -> Any:
 def answer(candidate, *credible) -> Any:
     size = np.array([candidate.kinds[0].step])
     effect = candidate.effect(size)
-    return SimpleNamespace(candidate=candidate, amplitudes=size, effect=effect, explained=10.0, credible=credible)
+    return SimpleNamespace(
+        candidate=candidate, amplitudes=size, effect=effect, explained=10.0, credible=credible, alike=()
+    )
 
 
 def in_model(posterior, likelier):

@@ -55,3 +55,27 @@ def test_an_effect_of_many_more_tolerances_must_make_logs_likelier_by_as_much_as
     effect = exchange(FEW[0], many, LOG_ODDS + against + 0.1)
     assert (effect.candidate, effect.size) == (GAIN, pytest.approx(many))
     assert exchange(100 * FEW[0], many, LOG_ODDS + 0.1).candidate == GAIN
+
+
+@pytest.mark.parametrize(("likelier", "taken"), [(-0.1, None), (0.1, GAIN)])
+def test_of_effects_that_no_motion_distinguishes_the_likeliest_is_taken(likelier, taken):
+    """Their signatures are the same but for their units."""
+    tolerance = np.array([kind.kinds[0].tolerance for kind in (PLACE, GAIN)])
+
+    def look(effects, *_) -> Any:
+        places = [effect.candidate for effect in effects] or [PLACE, GAIN]
+        per_unit = np.array([1 / kind.kinds[0].tolerance for kind in places])
+        return SimpleNamespace(
+            candidates=tuple(places),
+            columns=tuple(np.arange(k, k + 1) for k in range(len(places))),
+            logs=(Statistics(np.outer(per_unit, per_unit), np.zeros(len(places))),),
+            usual=np.full(len(places), np.nan),
+            redundant=True,
+            log_evidence=likelier if places == [GAIN] else 0.0,
+        )
+
+    named, seen = (Sized(PLACE, 10 * tolerance[:1]),), look(())
+    found: Any = exchanged(ROBOT, look, 1e3, named, (), seen, same={PLACE: [GAIN]})
+    assert (found and found[0][0].candidate) == taken
+    if taken:
+        assert found[0][0].size == pytest.approx(10 * tolerance[1])
