@@ -194,7 +194,8 @@ def exchanged(
     Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
     their sizes are (`_log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
     first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
-    distinguishes from them, as they differ by where the reference is mounted; the likeliest is taken.
+    distinguishes from them, or no more than by where the reference is mounted; one that is likelier by more than fits
+    converge to is taken.
     """
     best, found = seen.log_evidence, None
     of_named = _log_prior(named, seen)
@@ -203,7 +204,7 @@ def exchanged(
     added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in first_sizes]
     for k, effect in enumerate(named):
         instead = (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ()))
-        added += [((*named[:k], other, *named[k + 1 :]), 0.0) for other in instead]
+        added += [((*named[:k], other, *named[k + 1 :]), CONVERGED) for other in instead]
     for effects, advantage in [*_alternatives(named, large, seen), *added]:
         refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
         if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):

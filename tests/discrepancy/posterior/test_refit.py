@@ -12,7 +12,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.posterior.refit import Sized, exchanged
+from discrepancy.posterior.refit import CONVERGED, Sized, exchanged
 
 ROBOT = preset("tricycle")
 PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
@@ -57,7 +57,7 @@ def test_an_effect_of_many_more_tolerances_must_make_logs_likelier_by_as_much_as
     assert exchange(100 * FEW[0], many, LOG_ODDS + 0.1).candidate == GAIN
 
 
-@pytest.mark.parametrize(("likelier", "taken"), [(-0.1, None), (0.1, GAIN)])
+@pytest.mark.parametrize(("likelier", "taken"), [(CONVERGED - 0.01, None), (CONVERGED + 0.01, GAIN)])
 def test_of_effects_that_no_motion_distinguishes_the_likeliest_is_taken(likelier, taken):
     """Their signatures are the same but for their units."""
     tolerance = np.array([kind.kinds[0].tolerance for kind in (PLACE, GAIN)])
