@@ -12,25 +12,11 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.finder import named_together
-from discrepancy.posterior.random_effects import Statistics
+from discrepancy.posterior.refit import families_of
 
 ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
 PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
 GAIN = Candidate("gain", (PivotGain(castor=1, value=PivotGain.step),))
-
-
-def look(effects, likelier) -> Any:
-    """Statistics in which no size changes; likelier: log evidence by the families in the model."""
-    kinds = [effect.candidate for effect in effects]
-    information = np.diag([1e6] * len(kinds))
-    return SimpleNamespace(
-        candidates=tuple(kinds),
-        columns=tuple(np.arange(k, k + 1) for k in range(len(kinds))),
-        logs=(Statistics(information, np.zeros(len(kinds))),),
-        usual=np.full(len(kinds), np.nan),
-        redundant=True,
-        log_evidence=likelier[frozenset(kind.family for kind in kinds)],
-    )
 
 
 def answer(candidate, *credible) -> Any:
@@ -41,18 +27,22 @@ def answer(candidate, *credible) -> Any:
     )
 
 
-def in_model(posterior, likelier):
+def in_model(posterior, likelier, statistics_of):
     """The families in the model at the end. posterior: the names that it gives beside each model, the likeliest first
-    for each single effect."""
+    for each single effect; likelier: log evidence by the families in the model."""
+
+    def look(effects, *_) -> Any:
+        kinds = [effect.candidate for effect in effects]
+        return statistics_of(kinds, np.diag([1e6] * len(kinds)), likelier[families_of(effects)])
 
     def ask(seen, named, without) -> Any:
-        beside = posterior[frozenset(effect.candidate.family for effect in named)]
+        beside = posterior[families_of(named)]
         left = ([candidate for candidate in names if candidate.family not in without] for names in beside)
         answers = [answer(names[0], *(candidate.family for candidate in names)) for names in left if names]
         return SimpleNamespace(names=NAMES), answers
 
-    named, *_ = named_together(ROBOT, lambda effects, *_: look(effects, likelier), ask, 1e3, look((), likelier))
-    return frozenset(effect.candidate.family for effect in named)
+    named, *_ = named_together(ROBOT, look, ask, 1e3, look(()))
+    return families_of(named)
 
 
 NONE, BOTH = frozenset[str](), frozenset({PLACE.family, GAIN.family})
@@ -60,14 +50,14 @@ OF_PLACE, OF_GAIN = frozenset({PLACE.family}), frozenset({GAIN.family})
 
 
 @pytest.mark.parametrize(("less_likely", "stays"), [(LOG_ODDS + 0.1, OF_PLACE), (LOG_ODDS - 0.1, OF_GAIN)])
-def test_an_effect_takes_the_place_of_another_unless_fits_exclude_it(less_likely, stays):
+def test_an_effect_takes_the_place_of_another_unless_fits_exclude_it(less_likely, stays, statistics_of):
     posterior = {NONE: [[PLACE]], OF_PLACE: [[GAIN, PLACE]], OF_GAIN: [[GAIN]]}
-    assert in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 50.0 - less_likely}) == stays
+    assert in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 50.0 - less_likely}, statistics_of) == stays
 
 
 @pytest.mark.parametrize("likelier", [-0.1, 0.1])
-def test_an_effect_comes_into_the_model_unless_fits_exclude_it(likelier):
+def test_an_effect_comes_into_the_model_unless_fits_exclude_it(likelier, statistics_of):
     posterior = {NONE: [[PLACE]], OF_PLACE: [[PLACE], [GAIN]], BOTH: [[PLACE], [GAIN]]}
     with_both = 50.0 - LOG_ODDS - prior_log_odds(len(NAMES)) + likelier
-    found = in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 0.0, BOTH: with_both})
+    found = in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 0.0, BOTH: with_both}, statistics_of)
     assert found == (BOTH if likelier > 0 else OF_PLACE)

@@ -1,6 +1,5 @@
 """Effects that take the place of others: by the evidence of the logs, and by how likely effects of these sizes are."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,6 @@ from castor_envs.effects.encoders import PivotGain
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.calibrated import LOG_ODDS
-from discrepancy.posterior.random_effects import Statistics
 from discrepancy.posterior.refit import CONVERGED, Sized, exchanged
 
 ROBOT = preset("tricycle")
@@ -20,34 +18,30 @@ GAIN = Candidate("gain", (PivotGain(castor=1, value=PivotGain.step),))
 FEW = 10 * PivotPositionX.tolerance, 10 * PivotGain.tolerance
 
 
-def exchange(place, gain, likelier) -> Any:
+@pytest.fixture
+def exchange(statistics_of) -> Any:
     """The effect that stays, if another in its place makes logs likelier by so much; sizes are known to a tolerance."""
 
-    def look(effects, seen, among) -> Any:
-        kinds = [effect.candidate for effect in effects]
-        information = np.diag([kind.kinds[0].tolerance ** -2.0 for kind in kinds])
-        return SimpleNamespace(
-            candidates=tuple(kinds),
-            columns=tuple(np.arange(k, k + 1) for k in range(len(kinds))),
-            logs=(Statistics(information, np.zeros(len(kinds))),),
-            usual=np.full(len(kinds), np.nan),
-            redundant=True,
-            log_evidence=likelier if kinds == [GAIN] else 0.0,
-        )
+    def of(place, gain, likelier) -> Any:
+        def look(effects, *_) -> Any:
+            kinds = [effect.candidate for effect in effects]
+            information = np.diag([kind.kinds[0].tolerance ** -2.0 for kind in kinds])
+            return statistics_of(kinds, information, likelier if kinds == [GAIN] else 0.0)
 
-    named = (Sized(PLACE, np.array([place])),)
-    instead = [Sized(GAIN, np.array([gain]))]
-    seen: Any = look(named, None, None)
-    found = exchanged(ROBOT, look, 1e3, named, (), seen, instead, odds=-1e3)
-    return None if found is None else found[0][0]
+        named = (Sized(PLACE, np.array([place])),)
+        instead = [Sized(GAIN, np.array([gain]))]
+        found = exchanged(ROBOT, look, 1e3, named, (), look(named), instead, odds=-1e3)
+        return None if found is None else found[0][0]
+
+    return of
 
 
-def test_of_effects_of_as_many_tolerances_the_one_with_which_logs_are_likelier_stays():
+def test_of_effects_of_as_many_tolerances_the_one_with_which_logs_are_likelier_stays(exchange):
     assert exchange(*FEW, LOG_ODDS - 0.1) is None
     assert exchange(*FEW, LOG_ODDS + 0.1).candidate == GAIN
 
 
-def test_an_effect_of_many_more_tolerances_must_make_logs_likelier_by_as_much_as_it_is_less_likely():
+def test_an_effect_of_many_more_tolerances_must_make_logs_likelier_by_as_much_as_it_is_less_likely(exchange):
     """Faults are Cauchy distributed: 100 times as large is 5000 times less likely, where the other is of the scale."""
     many = 100 * FEW[1]
     against = np.log((1 + 100**2) / 2)
@@ -58,21 +52,14 @@ def test_an_effect_of_many_more_tolerances_must_make_logs_likelier_by_as_much_as
 
 
 @pytest.mark.parametrize(("likelier", "taken"), [(CONVERGED - 0.01, None), (CONVERGED + 0.01, GAIN)])
-def test_of_effects_that_no_motion_distinguishes_the_likeliest_is_taken(likelier, taken):
+def test_of_effects_that_no_motion_distinguishes_the_likeliest_is_taken(likelier, taken, statistics_of):
     """Their signatures are the same but for their units."""
     tolerance = np.array([kind.kinds[0].tolerance for kind in (PLACE, GAIN)])
 
     def look(effects, *_) -> Any:
-        places = [effect.candidate for effect in effects] or [PLACE, GAIN]
-        per_unit = np.array([1 / kind.kinds[0].tolerance for kind in places])
-        return SimpleNamespace(
-            candidates=tuple(places),
-            columns=tuple(np.arange(k, k + 1) for k in range(len(places))),
-            logs=(Statistics(np.outer(per_unit, per_unit), np.zeros(len(places))),),
-            usual=np.full(len(places), np.nan),
-            redundant=True,
-            log_evidence=likelier if places == [GAIN] else 0.0,
-        )
+        kinds = [effect.candidate for effect in effects] or [PLACE, GAIN]
+        per_unit = np.array([1 / kind.kinds[0].tolerance for kind in kinds])
+        return statistics_of(kinds, np.outer(per_unit, per_unit), likelier if kinds == [GAIN] else 0.0)
 
     named, seen = (Sized(PLACE, 10 * tolerance[:1]),), look(())
     found: Any = exchanged(ROBOT, look, 1e3, named, (), seen, same={PLACE: [GAIN]})
