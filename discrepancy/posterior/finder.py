@@ -302,7 +302,7 @@ def named_together(
 
 def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[tuple[Sized, ...]]:
     """Yield the effects of a model with one exchanged for an effect that these motions may not distinguish from it."""
-    causes = {cause.family: cause for cause in seen.candidates if cause.kinds}
+    causes = _by_family(seen)
     for answer, k in itertools.product(answers, range(len(named))):
         if named[k].candidate == answer.candidate:
             for name in answer.credible:
@@ -312,8 +312,13 @@ def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) ->
 
 def _same(answers: Sequence[Answer], seen: Seen) -> dict[Cause, list[Cause]]:
     """Return the effects that are the same as those of answers on this vehicle, whatever it does."""
-    causes = {cause.family: cause for cause in seen.candidates if cause.kinds}
+    causes = _by_family(seen)
     return {answer.candidate: [causes[name] for name in answer.alike if name in causes] for answer in answers}
+
+
+def _by_family(seen: Seen) -> dict[str, Cause]:
+    """Return the candidates of the catalogue by their families."""
+    return {cause.family: cause for cause in seen.candidates if cause.kinds}
 
 
 def _unlikely(
@@ -338,7 +343,7 @@ def _likeliest_beyond_model(vehicle: Any, posterior: Posterior, seen: Seen, name
     signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that. Sizes and
     noise change together, so logs may be likely at sizes far apart, and much less likely between.
     """
-    in_model = {effect.candidate.family for effect in named}
+    in_model = families_of(named)
     statistics, found = summed(seen.logs), list[Sized]()
     for name in posterior.inclusion():
         candidate = next((cause for cause in seen.candidates if cause.family == name and cause.kinds), None)
