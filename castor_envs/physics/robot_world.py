@@ -112,9 +112,11 @@ class RobotWorld:
             move(body, row)
         return bodies, joints
 
-    def restart(self, castor_angles: ArrayLike) -> None:
-        """Start again at rest at the origin, castors at these angles (n,), as if made anew."""
-        motion, speed = self._start((0.0, 0.0, 0.0), castor_angles, (0.0, 0.0, 0.0))
+    def restart(
+        self, castor_angles: ArrayLike, pose: ArrayLike = (0.0, 0.0, 0.0), twist: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Start again as if made anew, castors at these angles (n,); pose, twist: as for a new world."""
+        motion, speed = self._start(pose, castor_angles, twist)
         self.simulation.restart(motion)
         self.wheels["speed"] = speed
 

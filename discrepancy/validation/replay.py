@@ -63,27 +63,36 @@ SMOOTHED = 5
 """Samples over which parabolas are fitted for speeds."""
 
 
+HandedOn = dict[int, tuple[Array, NDArray[np.void]]]
+"""By sample, the quantities carried over to the next window: the body's twist (3,) and the wheels' records."""
+
+
 @dataclass(frozen=True, eq=False)
 class Replay:
     """The gaps of N windows. drive: how the simulation was driven; notes: remarks on this for the user.
 
-    start, end (N,): s, on the log's clock.
-    driven (N,): m that the body's origin moved in the simulation. body (N, 3): simulated less measured motion from
-    start to end, in the body's frame at the start: along (forward), across (to the left), m, turned, rad; NaN where the
-    reference is unknown. wheels (N, driven wheels): m of roll, by the radius described, and pivots (N, pivot encoders):
-    rad, that the simulated encoders read beyond the measured.
+    start, end (N,): s, on the log's clock. motion (N, 3): simulated, from start to end, in the body's frame at the
+    start: along (forward), across (to the left), m, turned, rad. body (N, 3): simulated less measured motion; NaN where
+    the reference is unknown. wheels (N, driven wheels): m of roll, by the radius described, and pivots (N, pivot
+    encoders): rad, that the simulated encoders read beyond the measured. handed_on: of each window.
     """
 
     drive: Drive
     notes: tuple[str, ...]
     start: Array
     end: Array
-    driven: Array
+    motion: Array
     body: Array
     wheels: Array
     pivots: Array
     wheel_names: tuple[str, ...]
     pivot_names: tuple[str, ...]
+    handed_on: tuple[HandedOn, ...] = ()
+
+    @property
+    def driven(self) -> Array:
+        """How far the body's origin moved in the simulation (N,), m."""
+        return np.asarray(np.hypot(self.motion[:, 0], self.motion[:, 1]))
 
     def summary(self) -> dict[str, Any]:
         """Return plain data for JSON: root mean squares over windows, mm and mrad; null where nothing was measured."""
@@ -151,13 +160,16 @@ def replay(
     *,
     clock: ArrayLike = (0.0, 0.0),
     mount: ArrayLike = (0.0, 0.0, 0.0),
+    like: Replay | None = None,
+    anew: ArrayLike = (),
 ) -> Replay:
     """Return the gap between the simulation of a robot, with the effects in its file, and a log.
 
     By the commands where the log has them. window: s, at least, but at most half the log; each ends at the first
     reference pose after that. clock: (ahead, rate): the reference in the log's row of time t was taken at t + ahead +
     rate (t - t_0). mount: the tracked point and its direction in B, x, y (m), psi (rad). Both in addition to the
-    robot's effects on the reference.
+    robot's effects on the reference. like: a replay of the same log by the same robot, of which the windows are taken
+    over that are not simulated `anew` (N,), as where only another part of the floor differs.
     Raises InputError where castors have no pivot encoder, and for logs without a window.
     """
     if window <= 0:
@@ -166,22 +178,27 @@ def replay(
     measured = _measured_in(robot, log)
     drive, notes = _drive(robot, measured)
     windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
-    runs = list(_runs(robot, measured, drive, windows))
-    if not runs:
+    if not windows:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
-    motion, wheels, pivots = (np.array(part) for part in zip(*runs, strict=True))
     moved = np.array([relative_pose(stretch.first, stretch.last) for stretch in windows])
+    known: list[_Run | None] = [None] * len(windows)
+    if like is not None:
+        taken_over = zip(like.motion, like.wheels, like.pivots, like.handed_on, strict=True)
+        known = [None if again else run for run, again in zip(taken_over, np.asarray(anew), strict=True)]
+    runs = list(_runs(robot, measured, drive, windows, known))
+    motion, wheels, pivots = (np.array([run[k] for run in runs]) for k in range(3))
     return Replay(
         drive=drive,
         notes=tuple(notes),
         start=np.array([stretch.start for stretch in windows]),
         end=np.array([stretch.end for stretch in windows]),
-        driven=np.hypot(motion[:, 0], motion[:, 1]),
+        motion=motion,
         body=motion - moved,
         wheels=wheels,
         pivots=pivots,
         wheel_names=tuple(f"wheel_{robot.wheel_names[k]}" for k in robot.driven_wheels),
         pivot_names=tuple(f"pivot_{i + 1}" for i in robot.pivot_encoders),
+        handed_on=tuple(run[3] for run in runs),
     )
 
 
@@ -189,10 +206,11 @@ def joined(replays: Sequence[Replay]) -> Replay:
     """Return the windows of several replays of one robot as one; `start` and `end` are each log's own."""
     if len({part.drive for part in replays}) != 1:
         raise ValueError("replays of one drive can be joined")
-    arrays = ("start", "end", "driven", "body", "wheels", "pivots")
+    arrays = ("start", "end", "motion", "body", "wheels", "pivots")
     return dataclasses.replace(
         replays[0],
         notes=tuple(dict.fromkeys(note for part in replays for note in part.notes)),
+        handed_on=tuple(window for part in replays for window in part.handed_on),
         **{name: np.concatenate([getattr(part, name) for part in replays]) for name in arrays},
     )
 
@@ -326,39 +344,56 @@ def _samples(t: Array, window: _Window) -> tuple[int, int]:
     return first, min(int(np.ceil((window.end - t[0]) / period - 1e-6)), len(t) - 1)
 
 
+_Run = tuple[Array, Array, Array, HandedOn]
+"""The body's motion (3,) in a window, the excess of encoder readings, wheels (m) and pivots (rad), and what is handed
+on to the next window."""
+
+
 def _runs(
-    robot: RobotDescription, measured: _Measured, drive: Drive, windows: list[_Window]
-) -> Iterator[tuple[Array, Array, Array]]:
-    """Yield the body's motion (3,) in each window, and the excess of encoder readings: wheels (m) and pivots (rad)."""
+    robot: RobotDescription,
+    measured: _Measured,
+    drive: Drive,
+    windows: list[_Window],
+    known: Sequence[_Run | None],
+) -> Iterator[_Run]:
+    """Yield the run of each window; those `known` already are not simulated unless the one before was, from which they
+    go on."""
     t = measured.t
     period = float(t[1] - t[0])
-    plant, kept = _Plant(robot, period, measured, drive), {}
-    for window in windows:
+    plant, handed_on, simulated = _Plant(robot, period, measured, drive), HandedOn(), False
+    excess = _Excess(robot, measured)
+    for window, before in zip(windows, known, strict=True):
+        if before is not None and not simulated:
+            handed_on = before[3]
+            yield before
+            continue
+        simulated = before is None
         first, last = _samples(t, window)
         pose = np.where(np.isfinite(window.first), window.first, 0.0)
-        if first not in kept:
+        if first not in handed_on:
             start = max(0, first - round(WARM_UP / period))
-            world = plant.world(start, pose, measured.twist[start])
+            world = plant.started(start, pose, measured.twist[start])
             for k in range(start, first):
                 plant.advance(world, k)
-            kept = {first: _moving(world)}
-        twist, wheels = kept[first]
-        world = plant.world(first, pose, twist)
+            handed_on = {first: _moving(world)}
+        twist, wheels = handed_on[first]
+        world = plant.started(first, pose, twist)
         for part in HANDED_ON:
             world.wheels[part] = wheels[part]
-        states, kept = [], {}
+        states, handed_on = [], {}
         for k in range(first, last + 1):
-            states.append((world.pose.copy(), np.concatenate([world.wheel_angles, world.castor_angles])))
-            kept[k] = _moving(world)
+            states.append((world.pose, np.concatenate([world.wheel_angles, world.castor_angles])))
+            if k >= last - 1:  # the next window begins at one of these
+                handed_on[k] = _moving(world)
             if k < last:
                 plant.advance(world, k)
         poses, angles = (np.array(part) for part in zip(*states, strict=True))
         began, ended = (_at(poses, (time - t[first]) / period) for time in (window.start, window.end))
-        yield relative_pose(began, ended), *_beyond(robot, measured, first, angles)
+        yield relative_pose(began, ended), *excess.of(first, angles), handed_on
 
 
 def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
-    """Return the quantities carried over to the next window: the body's twist (3,) and the wheels' records."""
+    """Return the body's twist (3,) and the wheels' records."""
     return world.twist, world.wheels.copy()
 
 
@@ -368,7 +403,7 @@ class _Plant:
     def __init__(self, robot: RobotDescription, period: float, measured: _Measured, drive: Drive) -> None:
         self._parts = PARTS if drive == "counts" else 1
         self._period = period / self._parts
-        self._robot = dataclasses.replace(robot, sample_period=self._period)
+        self._world = RobotWorld(dataclasses.replace(robot, sample_period=self._period), Floor())
         self._measured, self._drive = measured, drive
         self._driven, self._steered = np.array(robot.driven_wheels), np.array(robot.driven_castors, dtype=np.intp)
         samples = np.arange(len(measured.t))
@@ -377,13 +412,12 @@ class _Plant:
         self._wheel = CubicSpline(samples, _smooth(measured.true[:, :w]))(parts)
         self._castor = np.column_stack([np.interp(parts, samples, angle) for angle in measured.true[:, w:].T])
 
-    def world(self, at: int, pose: Array, twist: Array) -> RobotWorld:
+    def started(self, at: int, pose: Array, twist: Array) -> RobotWorld:
         """Return the robot at a pose, its castors as at a sample, moving with a twist."""
-        castors = self._measured.true[at, self._w :]
-        world = RobotWorld(self._robot, Floor(), pose=pose, castor_angles=castors, twist=twist)
+        self._world.restart(self._measured.true[at, self._w :], pose, twist)
         if self._drive == "counts":
-            world.wheels["inertia"][self._driven] = HEAVY
-        return world
+            self._world.wheels["inertia"][self._driven] = HEAVY
+        return self._world
 
     def advance(self, world: RobotWorld, k: int) -> None:
         """Drive from sample k to the next."""
@@ -405,18 +439,23 @@ def _at(poses: Array, sample: float) -> Array:
     return poses[k] + (sample - k) * (poses[k + 1] - poses[k])
 
 
-def _beyond(robot: RobotDescription, measured: _Measured, first: int, angles: Array) -> tuple[Array, Array]:
-    """Return simulated minus measured encoder readings from sample `first` on: of wheels (m) and pivots (rad).
+class _Excess:
+    """By how much simulated encoders read more than measured ones."""
 
-    angles (n, w + n): of wheels, which begin at 0, and castors, as simulated.
-    """
-    w, radius = len(robot.wheels), Geometry.of(robot.as_described()).radius
-    since = int(np.searchsorted(measured.t, measured.t[first] - REMEMBERED))
-    turned = angles + np.pad(measured.true[first, :w], (0, len(robot.castors)))
-    simulated = np.concatenate([measured.true[since:first], turned])
-    read = _Sensing(robot).read(measured.t[since : since + len(simulated)], simulated)
-    excess = (read[-1] - read[first - since]) - (measured.read[since + len(simulated) - 1] - measured.read[first])
-    return (excess[:w] * radius)[list(robot.driven_wheels)], excess[w:][list(robot.pivot_encoders)]
+    def __init__(self, robot: RobotDescription, measured: _Measured) -> None:
+        self._measured, self._sensing = measured, _Sensing(robot)
+        self._w, self._radius = len(robot.wheels), Geometry.of(robot.as_described()).radius
+        self._driven, self._sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+
+    def of(self, first: int, angles: Array) -> tuple[Array, Array]:
+        """Return the excess of wheels (m) and pivots (rad) from sample `first` on, in angles as simulated (n, w + n),
+        those of wheels from 0 on."""
+        t, true, read, w = self._measured.t, self._measured.true, self._measured.read, self._w
+        since = int(np.searchsorted(t, t[first] - REMEMBERED))
+        simulated = np.concatenate([true[since:first], angles + np.pad(true[first, :w], (0, angles.shape[1] - w))])
+        shown = self._sensing.read(t[since : since + len(simulated)], simulated)
+        excess = (shown[-1] - shown[first - since]) - (read[since + len(simulated) - 1] - read[first])
+        return (excess[:w] * self._radius)[self._driven], excess[w:][self._sensed]
 
 
 def _root(squares: Array) -> float | None:

@@ -30,7 +30,7 @@ from discrepancy.hypotheses.wheel_tracks import placed
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.validation.replay import replay
+from discrepancy.validation.replay import Replay, replay
 from estimators.likelihood.channels import Channels
 
 SLIPPERY = (0.75, 0.85, 0.9, 0.94, 0.97, 0.99)
@@ -75,25 +75,19 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
     if not motions:
         return None
     try:
-        plain = _replay_errors(robot, logs, seen)
+        replays = _Replays(robot, logs, seen)
     except InputError:  # a robot that cannot be replayed
         return None
-
-    spread = _Spread.of(plain)
-
-    def gain(patch: FrictionPatch, value: float) -> float:
-        return spread.likelier(_replay_errors(robot.with_effects(replace(patch, value=value)), logs, seen), plain)
-
-    tried = [(patch, gain(patch, TRIED)) for patch in patches_of(robot, motions, slips)]
+    tried = [(patch, replays.gain(patch, TRIED)) for patch in patches_of(robot, motions, slips)]
     patch, most = max(tried, key=lambda found: found[1], default=(None, 0.0))
     if patch is None or most <= 0:
         return None
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
     prior = float(np.prod(np.ptp(way, axis=0))), prior_log_odds(names)
-    if _judged(gain, patch, *prior).log_odds < LOG_ODDS:
+    if _judged(replays.gain, patch, *prior).log_odds < LOG_ODDS:
         return None
-    patch, _ = max((_refined(gain, *proposed) for proposed in tried), key=lambda found: found[1])
-    return _judged(gain, patch, *prior)
+    patch, _ = max((_refined(replays.gain, *proposed) for proposed in tried), key=lambda found: found[1])
+    return _judged(replays.gain, patch, *prior)
 
 
 def _judged(gain: Gain, patch: FrictionPatch, area: float, anywhere: float) -> Slippery:
@@ -130,10 +124,9 @@ def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised,
     A second patch is tried because a single log hardly determines how far a patch extends.
     """
     try:
-        plain, errors = (_replay_errors(vehicle, logs, seen) for vehicle in (robot, robot.with_effects(patch.effect)))
+        as_found = _Replays(robot, logs, seen).gain(patch.effect, patch.effect.value)
     except InputError:  # logs that cannot be replayed
         return 0.0
-    as_found = _Spread.of(plain).likelier(errors, plain)
     again = slippery_in(robot, logs, seen, 1)
     if again is None or not (_holds(patch.effect, again.effect) or _holds(again.effect, patch.effect)):
         return as_found
@@ -148,9 +141,8 @@ def _holds(first: FrictionPatch, second: FrictionPatch) -> bool:
 def inside(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> list[NDArray[np.bool_]]:
     """Return the steps (K - 1, rows) of each log in which wheels stand on a patch, or castors with a wheel on it."""
     steps = []
-    for log, design in zip(logs, seen.designs, strict=True):
-        motion = Channels(robot).motion(log, design.state, consistent_wheels=True)
-        wheels = patch.effect.inside(ContactMotion(robot.as_built(), motion))
+    for contacts, design in zip(_contacts(robot, logs, seen), seen.designs, strict=True):
+        wheels = patch.effect.inside(contacts)
         of = np.asarray(robot.wheel_castors)
         sideways = np.stack([np.any(wheels[:, of == castor], axis=1) for castor in of], axis=1)
         steps.append(np.column_stack([wheels, sideways])[:, design.model.rows])
@@ -164,22 +156,55 @@ def answer_of(patch: Slippery, cost: Array, confirmed: float | None) -> Answer:
     return Answer.judged_apart(candidate, float(expit(patch.log_odds)), *size, cost, confirmed)
 
 
-def _replay_errors(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Array:
-    """Return the errors (3, N) at the ends of replayed windows: wheels, m; pivots, rad; place, m. NaN where there is no
-    reference, and of robots without pivot encoders."""
-    geometry = Geometry.of(robot.as_built())
-    roll = np.nanmedian(2 * np.pi * geometry.radius / geometry.counts_per_rev)
-    sensed = geometry.pivot_counts_per_rev[np.isfinite(geometry.pivot_counts_per_rev)]
-    turn = float(np.median(2 * np.pi / sensed)) if len(sensed) else 0.0
-    errors = []
-    for log, clock in zip(logs, seen.state.clocks, strict=True):
-        if log.reference is not None:
-            left = replay(without(robot, ClockSkew), log, WINDOW, clock=clock, mount=seen.state.mount)
+def _contacts(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> list[ContactMotion]:
+    """Return how the contacts move in each log."""
+    motions = (
+        Channels(robot).motion(log, state, consistent_wheels=True)
+        for log, state in zip(logs, seen.state.states, strict=True)
+    )
+    return [ContactMotion(robot.as_built(), motion) for motion in motions]
+
+
+class _Replays:
+    """Replays of the logs that have a reference, on an even floor and on floors with a patch.
+
+    A patch changes only windows in which a wheel comes to it, so the others are not simulated again.
+    """
+
+    def __init__(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> None:
+        self._robot, self._mount = without(robot, ClockSkew), seen.state.mount
+        posed = [k for k, log in enumerate(logs) if log.reference is not None]
+        self._logs = [(logs[k], seen.state.clocks[k]) for k in posed]
+        self._contacts = [_contacts(robot, logs, seen)[k] for k in posed]
+        self._plain = [replay(self._robot, log, WINDOW, clock=clock, mount=self._mount) for log, clock in self._logs]
+        self._errors = self._errors_of(self._plain)
+        self._spread = _Spread.of(self._errors)
+
+    def gain(self, patch: FrictionPatch, value: float) -> float:
+        """Return the log-likelihood ratio (natural logarithm) of replays with a patch of a value."""
+        robot = self._robot.with_effects(replace(patch, value=value))
+        larger, replays = replace(patch, length=patch.length + CELL, width=patch.width + CELL), []
+        for (log, clock), contacts, plain in zip(self._logs, self._contacts, self._plain, strict=True):
+            there = np.cumsum(np.append(False, larger.inside(contacts).any(axis=1)))
+            first, last = np.searchsorted(log.t, plain.start, "right") - 1, np.searchsorted(log.t, plain.end)
+            anew = there[np.minimum(last, len(there) - 1)] > there[first]
+            replays.append(replay(robot, log, WINDOW, clock=clock, mount=self._mount, like=plain, anew=anew))
+        return self._spread.likelier(self._errors_of(replays), self._errors)
+
+    def _errors_of(self, replays: Sequence[Replay]) -> Array:
+        """Return the errors (3, N) at the ends of windows: wheels, m; pivots, rad; place, m. NaN where there is no
+        reference, and of robots without pivot encoders."""
+        geometry = Geometry.of(self._robot.as_built())
+        roll = np.nanmedian(2 * np.pi * geometry.radius / geometry.counts_per_rev)
+        sensed = geometry.pivot_counts_per_rev[np.isfinite(geometry.pivot_counts_per_rev)]
+        turn = float(np.median(2 * np.pi / sensed)) if len(sensed) else 0.0
+        errors = []
+        for left in replays:
             place = np.sum(left.body[:, :2] ** 2, axis=1)
             pivots = np.mean(left.pivots**2, axis=1) if left.pivots.shape[1] else np.full(len(place), np.nan)
             wheels = np.mean(left.wheels**2, axis=1)
             errors.append(np.sqrt([wheels + roll**2 / 6, pivots + turn**2 / 6 + 1e-8, place + PLACE**2]))
-    return np.concatenate(errors, axis=1)
+        return np.concatenate(errors, axis=1)
 
 
 class _Spread(NamedTuple):

@@ -170,10 +170,11 @@ def test_a_world_that_starts_again_is_as_a_new_one(name):
     command = random.uniform(-4, 4, len(robot.driven_wheels))
     steering = random.uniform(-2, 2, len(robot.driven_castors))
     angles = random.uniform(-3, 3, len(robot.castors))
-    used, new = RobotWorld(robot, ROUGH), RobotWorld(robot, ROUGH, castor_angles=angles)
+    pose, twist = random.uniform(-1, 1, (2, 3))
+    used, new = RobotWorld(robot, ROUGH), RobotWorld(robot, ROUGH, castor_angles=angles, pose=pose, twist=twist)
     for _ in range(5):
         used.advance(command, steering)
-    used.restart(angles)
+    used.restart(angles, pose, twist)
     for _ in range(5):
         assert used.pose.tobytes() == new.pose.tobytes()
         assert used.wheels.tobytes() == new.wheels.tobytes()

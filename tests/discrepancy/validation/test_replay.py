@@ -11,6 +11,7 @@ from castor_envs.effects.catalogue import reference
 from castor_envs.effects.clocks import ClockOffset, EncoderLatency
 from castor_envs.effects.dimensions import CountsPerRev, PivotBias, PivotOffset, Track, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash, TickLoss
+from castor_envs.effects.floor import FrictionPatch
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceYaw
 from castor_envs.effects.wiring import EncoderReversed, EncodersSwapped
 from castor_envs.envs.sensed import SensedRobot
@@ -274,3 +275,22 @@ def test_a_castor_without_an_encoder_is_refused():
     log = dataclasses.replace(log, pivot=log.pivot[:, 1:])
     with pytest.raises(InputError, match="castor 1 turns but has no pivot encoder"):
         replay(dataclasses.replace(robot, castors=castors), log)
+
+
+def test_only_windows_in_which_something_differs_need_to_be_simulated_again():
+    """What windows hand on changes those after a patch by fractions of a millimetre; the one just after is simulated
+    again."""
+    wet = ASOC.with_effects(FrictionPatch(x=0.5, y=0.3, length=0.6, width=0.6, value=0.95))
+    plain, whole = replay(ASOC, asoc(), 1.0), replay(wet, asoc(), 1.0)
+    same, all_anew = (replay(wet, asoc(), 1.0, like=plain, anew=np.full(len(plain.start), anew)) for anew in (0, 1))
+    np.testing.assert_array_equal(same.body, plain.body)
+    np.testing.assert_array_equal(all_anew.body, whole.body)
+    changed = np.abs(whole.body - plain.body).max(axis=1) > 1e-3
+    part = replay(wet, asoc(), 1.0, like=plain, anew=changed)
+    after = np.append(False, changed[:-1]) & ~changed
+    assert changed.any()
+    assert after.any()
+    assert np.abs(part.body - whole.body)[changed].max() < 1e-4
+    assert (np.abs(part.body - plain.body)[after] > 0).any()
+    np.testing.assert_array_equal(part.body[~changed & ~after], plain.body[~changed & ~after])
+    np.testing.assert_array_equal(part.wheels[~changed & ~after], plain.wheels[~changed & ~after])
