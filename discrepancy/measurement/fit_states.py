@@ -41,36 +41,36 @@ def fit_states(
     robot: RobotDescription,
     models: list[LogLikelihood],
     logs: Sequence[Log],
-    start: tuple[State, Noise] | None,
+    start: tuple[State, Noise, Shared] | None,
     usual: float | None,
     least: Noise,
 ) -> tuple[State, Noise, Shared, list[Slipping]]:
     """Return the states, the noise, the shared nuisances, and the creep of each log.
 
     They are fitted together, as creep under forces depends on the motion in the fitted state, and the state on creep.
-    start: state and noise to begin with. usual: factor of creep under forces in clean logs. least: lower bounds of
+    start: state, noise and shared nuisances to begin with. usual: factor of creep under forces in clean logs. least: lower bounds of
     noise.
     """
     geometry, no_values = Geometry.of(robot.as_built()), np.zeros(0)
     if start is None:
         at, sizes, _ = fitted(models, geometry, (), no_values, None, least=least, probes=PROBES)
     else:
-        at, sizes = start
+        at, sizes, _ = start
     off: list[Array | float] = [0.0] * len(models)  # the errors of its sensors, which are subtracted from the counts
     if robot.effects:
         off = _corrected(robot, models, logs, at, off)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least, probes=PROBES)
-    creep, left, before = _Creep.before(models, usual), MOST_ROUNDS, None
+    creep, left, before = _Creep.before(models, usual, start[2].creep if start else None), MOST_ROUNDS, None
     while True:
         slips = [Slipping(robot, model, log, state) for model, log, state in zip(models, logs, at.states, strict=True)]
         creep = creep.predicted(slips, logs)
         expected = creep.expect(creep.columns, creep.factors)
         settled = before is not None and _change(models, geometry, at, least, before, expected) < SETTLED
         before, left = expected, 0 if settled else left - 1
-        start, rounds = (at._replace(factors=creep.factors), sizes), 1 if left else ROUNDS
+        begin, rounds = (at._replace(factors=creep.factors), sizes), 1 if left else ROUNDS
         at, sizes, solution = fitted(
-            models, geometry, (), no_values, None, start, rounds, least=least, creep=creep, probes=PROBES
+            models, geometry, (), no_values, None, begin, rounds, least=least, creep=creep, probes=PROBES
         )
         creep = creep.found(at.factors, solution.shared_covariance)
         at = at._replace(factors=no_values)
@@ -100,11 +100,11 @@ class _Creep:
     doubt: Sequence[Array | float] = ()
 
     @classmethod
-    def before(cls, models: Sequence[LogLikelihood], usual: float | None) -> "_Creep":
-        """Return what is known of factors before any prediction."""
+    def before(cls, models: Sequence[LogLikelihood], usual: float | None, factors: Array | None) -> "_Creep":
+        """Return what is known of factors before any prediction; factors (1 + rows,): to begin with, or None."""
         rows, forced = np.zeros(len(models[0].rows)), (1.0, DOUBT) if usual is None else (usual, AS_USUAL)
         prior = np.append(forced[0], rows), np.append(forced[1], rows + UNEVEN)
-        return cls(models, usual, np.append(0.0, rows), *prior)
+        return cls(models, usual, np.append(0.0, rows) if factors is None else factors, *prior)
 
     def predicted(self, slips: Sequence[Slipping], logs: Sequence[Log]) -> "_Creep":
         """Balance contacts, and return creep as predicted at other states."""

@@ -146,7 +146,7 @@ def linearise(
     for model, steps in zip(models, released, strict=True):
         model.release(steps)
         model.jitter(jitter)
-    begin = None if start is None else (start.state, start.noise)
+    begin = None if start is None else (start.state, start.noise, start.shared)
     at, noise, shared, slips = fit_states(robot, models, logs, begin, creep, LEAST_NOISE)
     predicted = [slipping.sure() + shared.creep[0] * slipping.forced for slipping in slips]
     beyond = tuple(

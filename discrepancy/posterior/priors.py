@@ -155,6 +155,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
     family_of = {candidate: name for candidate, name in zip(seen.candidates, names, strict=True) if candidate.kinds}
     families = [family_of.get(candidate, candidate.family.partition(" ")[0]) for candidate in seen.candidates]
     count, width = len(seen.usual), 2 * float(mount_prior(Geometry.of(robot))[0])
+    scale = FAULT * tolerances(seen)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
     hypotheses, places = [], []
@@ -164,22 +165,23 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
         parts = PARTS.tolist() if hides else [0.0]
         share = 1 / families.count(families[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
-        hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, width) for part in parts]
+        hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, scale, width) for part in parts]
         places += [Place(k, part) for part in parts]
     return hypotheses, places
 
 
-def hypothesis_of(seen: Seen, place: Place, name: str, share: float, width: float = np.inf) -> Hypothesis:
+def hypothesis_of(
+    seen: Seen, place: Place, name: str, share: float, scale: Array, width: float = np.inf
+) -> Hypothesis:
     """Return the hypothesis that a candidate is present, with a part of it masked by wheel creep.
 
-    width (m) of the vehicle: no length of it is wrong by more.
+    scale (C,): of a fault of each size. width (m) of the vehicle: no length of it is wrong by more.
     """
     candidate, columns = seen.candidates[place.candidate], seen.columns[place.candidate]
     lower, upper = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
     if candidate.kinds and candidate.kinds[0].unit == "m":
         lower, upper = max(lower, -width), min(upper, width)
-    scale = FAULT * float(np.mean(tolerances(seen)[columns]))
-    return Hypothesis(name, direction_of(seen, place), scale, share, lower, upper)
+    return Hypothesis(name, direction_of(seen, place), float(np.mean(scale[columns])), share, lower, upper)
 
 
 def direction_of(seen: Seen, place: Place) -> Array:
