@@ -48,8 +48,8 @@ def fit_states(
     """Return the states, the noise, the shared nuisances, and the creep of each log.
 
     They are fitted together, as creep under forces depends on the motion in the fitted state, and the state on creep.
-    start: state, noise and shared nuisances to begin with. usual: factor of creep under forces in clean logs. least: lower bounds of
-    noise.
+    start: state, noise and shared nuisances to begin with. usual: factor of creep under forces in clean logs. least:
+    lower bounds of noise.
     """
     geometry, no_values = Geometry.of(robot.as_built()), np.zeros(0)
     if start is None:
@@ -58,16 +58,24 @@ def fit_states(
         at, sizes, _ = start
     off: list[Array | float] = [0.0] * len(models)  # the errors of its sensors, which are subtracted from the counts
     if robot.effects:
-        off = _corrected(robot, models, logs, at, off)
+        off = _corrected(robot, models, logs, at, off, loose=start is not None)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least, probes=PROBES)
-    creep, left, before = _Creep.before(models, usual, start[2].creep if start else None), MOST_ROUNDS, None
+    creep, left = _Creep.before(models, usual, start[2].creep if start else None), MOST_ROUNDS
+    expected: Sequence[Array] | None = None
+    last: tuple[_Creep, Array] | None = None  # the last prediction, and its difference to what was expected before it
     while True:
         slips = [Slipping(robot, model, log, state) for model, log, state in zip(models, logs, at.states, strict=True)]
-        creep = creep.predicted(slips, logs)
+        new, left = creep.predicted(slips, logs), left - 1
+        creep = new
+        if expected is not None:
+            change = _change(models, geometry, at, least, expected, new.expect(new.columns, new.factors))
+            if np.sqrt(np.mean(change**2)) < SETTLED:
+                left = 0
+            if last is not None:
+                creep = new.part_way_back(*last, change)
+            last = new, change
         expected = creep.expect(creep.columns, creep.factors)
-        settled = before is not None and _change(models, geometry, at, least, before, expected) < SETTLED
-        before, left = expected, 0 if settled else left - 1
         begin, rounds = (at._replace(factors=creep.factors), sizes), 1 if left else ROUNDS
         at, sizes, solution = fitted(
             models, geometry, (), no_values, None, begin, rounds, least=least, creep=creep, probes=PROBES
@@ -113,6 +121,16 @@ class _Creep:
         doubt = [UNEVEN * slipping.by_effects if log.undone else 0.0 for slipping, log in zip(slips, logs, strict=True)]
         sure, columns = [slipping.sure() for slipping in slips], [slipping.columns() for slipping in slips]
         return replace(self, sure=sure, columns=columns, doubt=doubt)
+
+    def part_way_back(self, last: "_Creep", change: Array, changed: Array) -> "_Creep":
+        """Return creep between this prediction and the last, where the difference to what was expected before each
+        (`changed` and `change`) would be the smallest if it followed linearly: predictions may alternate (Anderson's
+        acceleration of depth 1; Walker and Ni, SIAM J. Numer. Anal. 49(4), 2011)."""
+        turned = changed - change
+        part = float(np.clip(changed @ turned / (turned @ turned), -1.0, 1.0))
+        sure = [new + part * (old - new) for new, old in zip(self.sure, last.sure, strict=True)]
+        columns = [new + part * (old - new) for new, old in zip(self.columns, last.columns, strict=True)]
+        return replace(self, sure=sure, columns=columns)
 
     def predict(self, values: Array, states: Sequence[Array]) -> list[Array]:
         """Return the columns, which do not follow the states of a fit."""
@@ -160,14 +178,20 @@ def _corrected(
     logs: Sequence[Log],
     at: State,
     off: Sequence[Array | float],
+    loose: bool = True,
 ) -> list[Array | float]:
     """Subtract the errors of a robot's sensors at a state from the counts, in place of those subtracted before
-    (`off`)."""
+    (`off`).
+
+    loose: whether a reading that stands still within a backlash leaves the shaft free there. In a state by counts it
+    would be lost: a single castor is then found where it never was.
+    """
     channels, corrections = Channels(robot), []
     for model, log, state, before in zip(models, logs, at.states, off, strict=True):
         seen = model.counts + before
-        corrections.append(seen - channels.unread(robot, log, seen, _turned(robot, channels, model, log, seen, state)))
-        model.correct(corrections[-1] - before)
+        turned = _turned(robot, channels, model, log, seen, state)
+        corrections.append(seen - channels.unread(robot, log, seen, turned))
+        model.correct(corrections[-1] - before, channels.play(robot, log, turned) if loose else 0.0)
     return corrections
 
 
@@ -203,10 +227,10 @@ def _change(
     noise: Noise,
     before: Sequence[Array],
     expected: Sequence[Array],
-) -> float:
-    """Return the rms change of expected slips, in standard deviations of slip noise."""
+) -> Array:
+    """Return the changes of expected slips, in standard deviations of slip noise."""
     changes = [
         model.in_deviations(now - then, geometry, state, noise)
         for model, then, now, state in zip(models, before, expected, at.states, strict=True)
     ]
-    return float(np.sqrt(np.mean(np.concatenate(changes) ** 2)))
+    return np.concatenate([log.ravel() for log in changes])

@@ -76,6 +76,11 @@ def tolerances(seen: Seen) -> Array:
     return tolerance
 
 
+def fault_scales(seen: Seen) -> Array:
+    """Return the prior scales (C,) of the sizes of faults."""
+    return FAULT * tolerances(seen)
+
+
 def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     """Return the sizes of all candidates that a vehicle in good order shows, from clean logs where there are any.
 
@@ -155,7 +160,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
     family_of = {candidate: name for candidate, name in zip(seen.candidates, names, strict=True) if candidate.kinds}
     families = [family_of.get(candidate, candidate.family.partition(" ")[0]) for candidate in seen.candidates]
     count, width = len(seen.usual), 2 * float(mount_prior(Geometry.of(robot))[0])
-    scale = FAULT * tolerances(seen)
+    scale = fault_scales(seen)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
     hypotheses, places = [], []
@@ -170,9 +175,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
     return hypotheses, places
 
 
-def hypothesis_of(
-    seen: Seen, place: Place, name: str, share: float, scale: Array, width: float = np.inf
-) -> Hypothesis:
+def hypothesis_of(seen: Seen, place: Place, name: str, share: float, scale: Array, width: float = np.inf) -> Hypothesis:
     """Return the hypothesis that a candidate is present, with a part of it masked by wheel creep.
 
     scale (C,): of a fault of each size. width (m) of the vehicle: no length of it is wrong by more.

@@ -13,7 +13,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer, Cause, Place
 from discrepancy.posterior.finder import Asked, Diagnosis, asked, named_together
-from discrepancy.posterior.priors import hypothesis_of, order_of
+from discrepancy.posterior.priors import fault_scales, hypothesis_of, order_of
 from discrepancy.posterior.refit import Sized, sizes_of, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
@@ -83,10 +83,9 @@ def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
     which they were tried.
     """
     names = [candidate.family for candidate in seen.candidates]
-    places = [Place(k, 0.0) for k in range(len(names))]
-    return [
-        hypothesis_of(seen, place, name, 1 / names.count(name)) for place, name in zip(places, names, strict=True)
-    ], places
+    places, scale = [Place(k, 0.0) for k in range(len(names))], fault_scales(seen)
+    pairs = zip(places, names, strict=True)
+    return [hypothesis_of(seen, place, name, 1 / names.count(name), scale) for place, name in pairs], places
 
 
 def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:

@@ -5,12 +5,16 @@ from numpy.typing import NDArray
 
 from castor_envs.effects.catalogue import radii_of, readings
 from castor_envs.effects.clocks import AllLatency, EncoderLatency
+from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.effects.parts import channel
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Motion
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
+
+FOLLOWS = 1e-6
+"""Part of a backlash within which of its end a shaft counts as turning its encoder."""
 
 
 class Channels:
@@ -64,6 +68,20 @@ class Channels:
             if latency:
                 excess[:, column] = np.interp(log.t + latency, log.t, excess[:, column])
         return counts + excess
+
+    def play(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
+        """Return the standard deviation (K, s + d), in counts, of readings by true counts that stand still while the
+        shaft moves within a backlash, about its middle; 0 of the others."""
+        found = np.zeros(counts.shape)
+        wheel, castor = self.angles(counts)
+        for effect in robot.effects:
+            if isinstance(effect, PivotBacklash):
+                column, of = int(np.searchsorted(self.sensed, effect.castor - 1)), effect.castor - 1
+                _, read = readings(robot.as_described().with_effects(effect), log.t, wheel, castor)
+                within = np.abs(castor - read)[:, of] < (1 - FOLLOWS) * effect.value / 2
+                per_rad = self.per_rev[column] / (2 * np.pi)
+                found[:, column] = np.hypot(found[:, column], within * per_rad * effect.value / np.sqrt(12))
+        return found
 
     def _latencies(self, robot: RobotDescription) -> Array:
         """Return the latency of every encoder (s + d,), s."""

@@ -3,7 +3,8 @@
 Unknown, beside the description, is the state: at every sample the body's pose, the castors' angles and the wheels'.
 Known are
 
-    counts                   rounded: off by an even spread of one count; a run of equal counts is one reading
+    counts                   rounded: off by an even spread of one count; a run of equal counts is one reading; within
+                             a backlash the reading stands still, and is off by an even spread of the backlash
     rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled, and
                              turning^2 times the angle by which a motor that steers turns the contact on the floor
     reference poses          off by independent errors, where they were taken (`measurements.poses`)
@@ -93,7 +94,8 @@ class LogLikelihood(RollingConstraints):
         steps = np.diff(log.pivot, axis=0, prepend=log.pivot[:1])
         pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
         self._counts = np.column_stack([pivot, log.wheel])
-        self._readings = np.sqrt(12 * np.apply_along_axis(_share_of_reading, 0, self._counts))
+        self._share = np.apply_along_axis(_share_of_reading, 0, self._counts)
+        self._readings = np.sqrt(12 * self._share)
         self._poses, self._gyro = ReferencePoses(log, self._counts), GyroRates(layout, log)
         self._expected = np.zeros((len(log) - 1, len(self._used)))
         self._doubt: Array | float = 0.0
@@ -101,9 +103,11 @@ class LogLikelihood(RollingConstraints):
         self._jitter = 0.0
         self._stiffness: Array | None = None
 
-    def correct(self, excess: Array) -> None:
-        """Subtract a known excess of readings from the counts (K, s + d)."""
+    def correct(self, excess: Array, play: Array | float = 0.0) -> None:
+        """Subtract a known excess of readings from the counts (K, s + d). play: standard deviation, in counts, of
+        readings that stand still while the encoder's shaft moves within its play; 0 of those that follow."""
         self._counts = self._counts - excess
+        self._readings = np.sqrt(self._share / (1 / 12 + np.square(play)))
 
     def expect(self, slips: Array, doubt: Array | float = 0.0) -> None:
         """Set the expected slips (K - 1, rows), m, of steps, instead of 0; doubt: their standard deviation about what

@@ -55,6 +55,22 @@ def test_a_large_effect_in_the_model_leaves_no_slip():
     assert linearise(robot, [log], among=[]).noise.along < 5e-5
 
 
+@pytest.mark.parametrize("seed", [12, 22])
+def test_a_reading_within_a_backlash_leaves_the_shaft_free(seed):
+    """If it counted as read where the fit begins, slips of 1 to 6 mm after 1 m would be left."""
+    effect = PivotBacklash(castor=1, value=0.1)
+    motion = wander(np.random.default_rng([seed, 1]), duration=20.0)
+    log = drive(ROBOT.with_effects(effect), motion, seed, duration=20.0)
+    seen, less = (
+        linearise(ROBOT.with_effects(dataclasses.replace(effect, value=value)), [log], among=())
+        for value in (0.1, 0.095)
+    )
+    assert max(seen.noise.along, seen.noise.across) < 5e-5
+    assert seen.gap is not None
+    assert seen.gap[0] < 2e-3
+    assert seen.log_evidence - less.log_evidence > 50
+
+
 def test_the_other_wheels_tell_how_fast_a_wheel_turns_that_loses_counts_at_speed():
     """What its own encoder reads after a loss may be a lower speed at which it loses nothing: by it alone, 2 mm of slip
     after 1 m are left."""

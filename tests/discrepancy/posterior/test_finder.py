@@ -104,6 +104,8 @@ def test_a_backlash_that_throws_the_pivot_about_is_named():
     log, held_out = (driven("1-castor", seed, effect, duration=30.0) for seed in (3, 4))
     (answer,) = diagnose(preset("1-castor"), [log], [held_out]).answers
     assert (answer.verdict, answer.credible) == ("named", ("pivot_backlash 1",))
+    assert abs(answer.size - effect.value) < 3 * answer.error
+    assert answer.error < 5e-3
 
 
 def test_an_eccentric_encoder_is_found_at_any_phase():

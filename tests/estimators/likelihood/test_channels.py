@@ -1,0 +1,39 @@
+"""Encoders as a state's counts hold them: where a backlash leaves the shaft free, worked out by hand."""
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.encoders import PivotBacklash
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.presets import preset
+from estimators.likelihood.channels import Channels
+
+ROBOT, BACKLASH = preset("asoc-prototype"), 0.2
+
+
+def turned_there_and_back():
+    """A log in which the second castor turns from 0 to 1 rad and back in steps of 0.05 rad, and its counts (K, s +
+    d)."""
+    channels = Channels(ROBOT)
+    angle = np.concatenate([np.arange(0, 21), np.arange(19, -1, -1)]) * 0.05
+    counts = np.zeros((len(angle), len(channels.per_rev)))
+    counts[:, 1] = (angle + channels.geometry.pivot_zero[1]) * channels.per_rev[1] / (2 * np.pi)
+    sensed = len(channels.sensed)
+    log = Log(0.05 * np.arange(len(angle)), np.round(counts[:, sensed:]), np.round(counts[:, :sensed]))
+    return channels, log, counts
+
+
+def test_a_reading_stands_still_until_the_shaft_has_turned_by_the_backlash():
+    """It begins in the middle, and so is free for the first half of the backlash, and for all of it on the way back."""
+    channels, log, counts = turned_there_and_back()
+    play = channels.play(ROBOT.with_effects(PivotBacklash(castor=2, value=BACKLASH)), log, counts)
+    free = np.flatnonzero(play[:, 1])
+    np.testing.assert_array_equal(free, [0, 1, 21, 22, 23])  # 0.1 rad after the start and 0.2 rad after 1 rad it turns
+    expected = BACKLASH / np.sqrt(12) * channels.per_rev[1] / (2 * np.pi)
+    assert play[free, 1] == pytest.approx(expected, rel=1e-9)
+    assert not np.delete(play, 1, axis=1).any()
+
+
+def test_without_a_backlash_every_reading_follows():
+    channels, log, counts = turned_there_and_back()
+    assert not channels.play(ROBOT, log, counts).any()
