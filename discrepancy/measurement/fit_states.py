@@ -124,8 +124,10 @@ class _Creep:
 
     def part_way_back(self, last: "_Creep", change: Array, changed: Array) -> "_Creep":
         """Return creep between this prediction and the last, where the difference to what was expected before each
-        (`changed` and `change`) would be the smallest if it followed linearly: predictions may alternate (Anderson's
-        acceleration of depth 1; Walker and Ni, SIAM J. Numer. Anal. 49(4), 2011)."""
+        (`changed` and `change`) would be the smallest if it followed linearly: predictions may alternate.
+
+        Anderson's acceleration of depth 1 (Walker and Ni, SIAM Journal on Numerical Analysis 49(4), 2011).
+        """
         turned = changed - change
         part = float(np.clip(changed @ turned / (turned @ turned), -1.0, 1.0))
         sure = [new + part * (old - new) for new, old in zip(self.sure, last.sure, strict=True)]
