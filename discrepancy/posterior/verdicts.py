@@ -72,9 +72,13 @@ def explains_better(before: Seen, after: Seen, material: Material) -> bool:
 
 
 def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
-    """Whether the gap is larger by what matters. That a size is uncertain is no excuse: what makes odometry worse is
-    not the cause, or not all of it."""
-    return before.gap is not None and after.gap is not None and after.gap[0] - before.gap[0] > material.position
+    """Whether the gap is larger by what matters: in position, and in position and heading together, each in units of
+    what matters. That a size is uncertain is no excuse: what makes odometry worse is not the cause, or not all of it.
+    """
+    if before.gap is None or after.gap is None or after.gap[0] - before.gap[0] <= material.position:
+        return False
+    was, now = (np.linalg.norm(np.divide(gap, np.maximum(material, 1e-12))) for gap in (before.gap, after.gap))
+    return bool(now > was)
 
 
 def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) -> tuple[Verdict, str]:

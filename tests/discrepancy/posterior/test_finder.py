@@ -101,7 +101,7 @@ def test_stated_errors_are_the_errors_made():
 def test_a_backlash_that_throws_the_pivot_about_is_named():
     """Without reading it, its pivot jumps by half a radian, which makes forces, and what they would creep by, huge."""
     effect = PivotBacklash(castor=1, value=0.64)
-    log, held_out = (driven("1-castor", seed, effect, duration=30.0) for seed in (3, 4))
+    log, held_out = (driven("1-castor", seed, effect, duration=20.0) for seed in (3, 4))
     (answer,) = diagnose(preset("1-castor"), [log], [held_out]).answers
     assert (answer.verdict, answer.credible) == ("named", ("pivot_backlash 1",))
     assert abs(answer.size - effect.value) < 3 * answer.error
