@@ -279,7 +279,7 @@ def named_together(
         if families not in tried:
             tried.append(families)
             better = refitted(vehicle, look, worse, named, new, seen)
-            if unlikely := _unlikely(named, seen, new, better, odds):
+            if unlikely := _unlikely(named, seen, *better, odds):
                 refused |= unlikely
                 continue
         else:
@@ -287,7 +287,7 @@ def named_together(
                 compared, unlikely = in_model, set[tuple[str, str]]()
                 for rival in _ambiguous(answers, named, seen):
                     fit = refitted(vehicle, look, worse, named, rival, seen, seen.log_evidence - LOG_ODDS)
-                    unlikely |= _unlikely(named, seen, rival, fit if fit[0] else None, odds)
+                    unlikely |= _unlikely(named, seen, rival, fit[1] if fit[0] else None, odds)
                 if unlikely:
                     refused |= unlikely
                     continue
@@ -322,20 +322,16 @@ def _by_family(seen: Seen) -> dict[str, Cause]:
 
 
 def _unlikely(
-    named: Sequence[Sized], seen: Seen, new: Sequence[Sized], fit: tuple[Sequence[Sized], Seen] | None, odds: float
+    named: Sequence[Sized], seen: Seen, new: Sequence[Sized], beside: Seen | None, odds: float
 ) -> set[tuple[str, str]]:
-    """Return the families of new effects that take the place of others in a model, each with the family of one of
-    these, or "" if they only come to it, where logs are so much less likely with them that they are not in the credible
-    set.
+    """Return the families of effects that take the place of others in a model, each with the family of one of these, or
+    "" if they only come to it, where logs are so much less likely with them that they are not in the credible set.
 
-    fit: the new effects that a fit leaves, and the statistics beside them; None where they do not fit. odds: prior log
-    odds (natural logarithm) of an effect.
+    beside: None where the new effects do not fit. odds: prior log odds (natural logarithm) of an effect.
     """
-    if fit is not None:
-        left, beside = fit
-        if seen.log_evidence - beside.log_evidence + odds * (len(named) - len(left)) < LOG_ODDS:
-            return set()
     before, after = families_of(named), families_of(new)
+    if beside is not None and seen.log_evidence - beside.log_evidence + odds * (len(named) - len(new)) < LOG_ODDS:
+        return set()
     return set(itertools.product(before - after or {""}, after - before))
 
 

@@ -27,13 +27,12 @@ def answer(candidate, *credible) -> Any:
     )
 
 
-def in_model(posterior, likelier, statistics_of, unseen=()):
+def in_model(posterior, likelier, statistics_of):
     """The families in the model at the end. posterior: the names that it gives beside each model, the likeliest first
-    for each single effect; likelier: log evidence by the families in the model; unseen: candidates that leave no trace
-    in fitted states."""
+    for each single effect; likelier: log evidence by the families in the model."""
 
     def look(effects, *_) -> Any:
-        kinds = [effect.candidate for effect in effects if effect.candidate not in unseen]
+        kinds = [effect.candidate for effect in effects]
         return statistics_of(kinds, np.diag([1e6] * len(kinds)), likelier[families_of(effects)])
 
     def ask(seen, named, without) -> Any:
@@ -62,10 +61,3 @@ def test_an_effect_comes_into_the_model_unless_fits_exclude_it(likelier, statist
     with_both = 50.0 - LOG_ODDS - prior_log_odds(len(NAMES)) + likelier
     found = in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 0.0, BOTH: with_both}, statistics_of)
     assert found == (BOTH if likelier > 0 else OF_PLACE)
-
-
-def test_an_effect_that_a_fit_does_not_keep_takes_no_place(statistics_of):
-    """Else both would be gone, though fits are sure of the effect that was in the model."""
-    posterior = {NONE: [[PLACE]], OF_PLACE: [[GAIN, PLACE]]}
-    likelier = {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 0.0}
-    assert in_model(posterior, likelier, statistics_of, unseen=(GAIN,)) == OF_PLACE
