@@ -174,8 +174,9 @@ class _Replays:
     def __init__(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> None:
         self._robot, self._mount = without(robot, ClockSkew), seen.state.mount
         posed = [k for k, log in enumerate(logs) if log.reference is not None]
+        contacts = _contacts(robot, logs, seen)
         self._logs = [(logs[k], seen.state.clocks[k]) for k in posed]
-        self._contacts = [_contacts(robot, logs, seen)[k] for k in posed]
+        self._contacts = [contacts[k] for k in posed]
         self._plain = [replay(self._robot, log, WINDOW, clock=clock, mount=self._mount) for log, clock in self._logs]
         self._errors = self._errors_of(self._plain)
         self._spread = _Spread.of(self._errors)
