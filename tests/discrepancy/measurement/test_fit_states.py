@@ -48,7 +48,7 @@ def test_contacts_creep_as_predicted_under_forces(monkeypatch):
 
 
 def test_a_large_effect_in_the_model_leaves_no_slip():
-    """What creep is predicted depends on states, and these on creep: few rounds leave slips of 4 mm after 1 m."""
+    """What creep is predicted depends on states, and these on creep."""
     described = preset("omnimate")
     robot = described.with_effects(PivotBacklash(castor=1, value=0.05))
     log = drive(robot, wander(np.random.default_rng([11, 0]), duration=20.0), 11, duration=20.0)
