@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from castor_envs.effects.clocks import SampleJitter
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, remove_leftovers
 from castor_envs.geometry.arrays import Array
@@ -19,6 +20,7 @@ from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.measurement.gap import path_without_reference
 from discrepancy.trials.cases import BOUNDS, Case, hide, motion, setting
 from discrepancy.trials.folder import LOGS, Settings, Task, label_file, name_of
 from discrepancy.trials.generators import Generator, generator
@@ -26,7 +28,7 @@ from discrepancy.trials.hidden import Hidden, Outside, catalogued, class_of, out
 from discrepancy.trials.reading import as_recorded
 from discrepancy.trials.said import Said, say
 from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
-from discrepancy.validation.cost import apart, odometry, rms_of
+from discrepancy.validation.cost import apart, rms_of
 from discrepancy.validation.sufficient import redundancy
 
 DURATION = 60.0
@@ -137,7 +139,9 @@ def _made(plan: Plan, begun: Case, folder: Path) -> dict[str, Any] | None:
             if strengths is None:
                 continue
             logs = [trial_run.drive(*case.hidden) for trial_run in trial_runs]
-            _write_files(case, logs, folder)
+            path = trial_runs[1].drive(*(hidden for hidden in case.hidden if not _of_reference(hidden))).reference
+            assert path is not None  # exact logs have a pose in every row
+            _write_files(case, logs, path, folder)
         except (InputError, ValueError, ArithmeticError):
             continue
         return _label(case, strengths) | {"attempts": attempt + 1}
@@ -159,16 +163,23 @@ def _strengths(case: Case, trial_runs: list[TrialRun]) -> list[Strength] | None:
     return [first, trial_runs[1].strength(case.hidden)]
 
 
-def _write_files(case: Case, logs: list[Log], folder: Path) -> None:
+def _write_files(case: Case, logs: list[Log], path: Array, folder: Path) -> None:
+    """Write a case's logs, and the true path (K, 3) of the second, which is for the score."""
     robot, name = preset(case.robot), name_of(case.number)
     real, case_folder = robot.with_effects(*catalogued(case.hidden)), folder / "cases" / name
     for file, exact, seed in zip(LOGS, logs, case.seeds, strict=True):
         log = as_recorded(real, exact, np.random.default_rng([seed, 4]))
         write_log(case_folder / file, log if case.reference else dataclasses.replace(log, reference=None), robot)
     robot.save(case_folder / "robot.json")
-    path = logs[1].reference
-    assert path is not None  # exact logs have a pose in every row
     np.savez_compressed(folder / "labels" / f"{name}.npz", path=path)
+
+
+def _of_reference(hidden: Hidden) -> bool:
+    """Whether an effect of the catalogue changes when or where the reference sees the robot, which moves as without."""
+    if isinstance(hidden, Outside):
+        return False
+    t, pose = np.arange(3.0), np.arange(9.0).reshape(3, 3)
+    return not (np.array_equal(hidden.reference_time(t), t) and np.array_equal(hidden.reference_pose(pose), pose))
 
 
 def _label(case: Case, strengths: list[Strength]) -> dict[str, Any]:
@@ -188,13 +199,16 @@ def _hidden(hidden: Hidden) -> dict[str, Any]:
 
 
 def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dict[str, float] | None:
-    """Return the distance between odometry on the held-out log and the true path, m per 10 m, without and with the
-    named effects; None where no effect was named, or an encoder is connected wrongly."""
+    """Return how far the most likely path by the encoders of the held-out log is off the true one, m per 10 m, without
+    and with the named effects; None where no effect was named, or an encoder is connected wrongly.
+
+    Jitter is left out: undoing it would need the times that it drew.
+    """
     if not said.effects or any(effect.wiring for effect in said.effects):
         return None
-    known = np.isfinite(path).all(axis=1)  # a reference whose clock is ahead ends before the log
-    paths = (odometry(vehicle, held_out) for vehicle in (robot, robot.with_effects(*said.effects)))
-    before, after = (rms_of([apart(path[known], odometry_path[known])]) for odometry_path in paths)
+    real = robot.with_effects(*(effect for effect in said.effects if not isinstance(effect, SampleJitter)))
+    paths = (path_without_reference(vehicle, held_out) for vehicle in (robot, real))
+    before, after = (rms_of([apart(path, most_likely)]) for most_likely in paths)
     return None if before is None or after is None else {"before": before, "after": after}
 
 

@@ -7,6 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
+from castor_envs.effects.clocks import ClockSkew, SampleJitter
+from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.effect import Effect
@@ -17,6 +19,7 @@ from discrepancy.trials import run, scores
 from discrepancy.trials.cases import BOUNDS, SEVERAL
 from discrepancy.trials.generators import generator
 from discrepancy.trials.hidden import class_of
+from discrepancy.trials.reading import as_recorded
 from discrepancy.trials.said import Said, Single
 
 CASES, SEED, ROBOT = 5, 18, "2-castor"
@@ -195,3 +198,29 @@ def test_robots_are_those_that_a_generator_can_drive():
     assert run.robots_for(choosy) == ["1-castor", "differential"]
     with pytest.raises(InputError, match="too many wheels"):
         run.robots_for(choosy, "swerve")
+
+
+def test_the_gap_is_that_of_the_path_by_encoders_alone():
+    """Effects of clocks and jitter change when robots are seen, not how they move: with the truth in the model, only
+    the encoders' rounding is left."""
+    robot, case = preset("3-castor"), dataclasses.replace(PLAN, robots=["3-castor"]).setting(1)
+    radius, skew = WheelRadius(castor=1, wheel=1, value=5e-3), ClockSkew(value=2e-2)
+    jitter = SampleJitter(value=0.01, seed=0)
+    trial_run = run.TrialRun(case, 1, generator("pymunk"), 20.0)
+    log = as_recorded(robot, trial_run.drive(radius, skew), np.random.default_rng(1))
+    path = trial_run.drive(*(effect for effect in (radius, skew) if not run._of_reference(effect))).reference
+    assert path is not None
+
+    def gap(*effects):
+        sizes = [
+            {"class": class_of(effect), "low": 0.0, "high": 1.0, "effect": effect, "cost": None} for effect in effects
+        ]
+        names = [Single("named", {size["class"]: 1.0}, (size["class"],), size) for size in sizes]
+        found = run._gap(Said.of(names), robot, log, path)
+        assert found is not None
+        return found["before"], found["after"]
+
+    before, after = gap(radius, skew)
+    assert after < min(before / 5, 2e-3)
+    before, after = gap(jitter)
+    assert after == before
