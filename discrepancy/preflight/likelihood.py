@@ -178,7 +178,9 @@ class WiringLikelihood:
         weight = 1 / (1 + (error + off_heading) / _usual(sizes))
         turn, *errors = fit_mount(moved, seen, self._size, weight)  # with less weight on what contradicts
         straight, turned = (error + off_heading for error in errors)
-        if abs(turn) > TURNED and _cost(straight, sizes) - _cost(turned, sizes) > LOG_ODDS:
+        if abs(turn) <= TURNED:  # as trackers are mounted: no mistake
+            return turned, sizes, 0.0
+        if _cost(straight, sizes) - _cost(turned, sizes) > LOG_ODDS:
             return turned, sizes, turn
         return straight, sizes, 0.0
 
