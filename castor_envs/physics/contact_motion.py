@@ -131,22 +131,26 @@ def _slipping(
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
     seen = smoothed(path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels))
     limits = (contact.friction * loads)[carrying % w]
-    return carrying, *_within_friction(rows, seen, needed, yields, limits, carrying % w)
+    most = np.maximum(speed.max(axis=1, keepdims=True) / (yields * limits), 1.0)
+    return carrying, *_within_friction(rows, seen, needed, yields, limits, most, carrying % w)
 
 
 def _within_friction(
-    rows: Array, seen: Array, needed: Array, yields: Array, limits: Array, wheel: NDArray[np.intp]
+    rows: Array, seen: Array, needed: Array, yields: Array, limits: Array, most: Array, wheel: NDArray[np.intp]
 ) -> tuple[Array, Array]:
     """Return how fast contacts slip (k, rows), m/s: the `seen` slips, changed by deviation delta; and how much they
     yield (k, rows).
 
     needed (k, e): forces on all that the rows (k, rows, e) move. yields (k, rows): m/s for each N while a contact
-    rolls. limits (rows,): friction times load of each row's wheel, whose number is `wheel` (rows,).
+    rolls. limits (rows,): friction times load of each row's wheel, whose number is `wheel` (rows,). most (k, rows):
+    times as much, a contact yields at most. It then slides, at its limit, as fast as the fastest wheel rolls; a motion
+    that needs larger forces is none, and has no slips that could give them.
     """
     slip = _balanced(rows, seen, needed, yields)
     sliding, slack, of_wheel = np.arange(len(rows)), np.ones_like(yields), wheel[:, None] == wheel
     for _ in range(ROUNDS):
         slack_needed = np.maximum(np.sqrt((slip[sliding] / yields[sliding]) ** 2 @ of_wheel) / limits, 1.0)
+        slack_needed = np.minimum(slack_needed, most[sliding])
         moved = np.any(np.abs(slack_needed / slack[sliding] - 1) > CONVERGED, axis=1)
         sliding = sliding[moved]
         if not len(sliding):
