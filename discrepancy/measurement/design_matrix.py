@@ -42,11 +42,11 @@ class Made(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Columns:
+class DesignMatrix:
     """The columns of one log's linear problem about a state, which are made when they are asked for, and kept until
     `forget`. candidates: with the columns of their amplitudes in sequence, the first of `geometries`. rates (R,): rate
     of the reference's clock, s/s; gyro_scales (R,): part by which the gyro reads too much; rate: of that clock, if
-    it is known, s/s. creep (K - 1, rows, 1 + rows): known up to factors (`Shared`)."""
+    it is known, s/s. creep (K - 1, rows, 1 + rows): known up to factors (`SharedNuisances`)."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -75,7 +75,7 @@ class Columns:
         among: Sequence[Candidate] | None,
         places: Sequence[Candidate],
         of: str,
-    ) -> "Columns":
+    ) -> "DesignMatrix":
         """Return the columns of candidates, from `signatures_of`."""
         geometry = Geometry.of(robot.as_built())
 
@@ -150,7 +150,7 @@ def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Shared:
+class SharedNuisances:
     """Nuisances that all logs share, with their priors.
 
     creep (1 + rows,): factors of predicted creep (`Slipping.columns`): that under forces, and by how much more than
@@ -202,7 +202,9 @@ def schur_complement(information: Array, gradient: Array, n: int) -> tuple[Array
     return (eliminated + eliminated.T) / 2, -(gradient[:n] - information[:n, n:] @ solved[:, n])
 
 
-def reestimated_noise(logs: Sequence[Columns], chosen: Sequence[Candidate], shared: Shared, noise: Noise) -> Noise:
+def reestimated_noise(
+    logs: Sequence[DesignMatrix], chosen: Sequence[Candidate], shared: SharedNuisances, noise: Noise
+) -> Noise:
     """Return the noise re-estimated beside candidates of maximum-likelihood sizes; no size becomes larger."""
     found = noise
     for _ in range(NOISE_ROUNDS):

@@ -14,7 +14,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.measurement.design_matrix import PROBES, Shared
+from discrepancy.measurement.design_matrix import PROBES, SharedNuisances
 from estimators.calibration.maximum_likelihood.fit import ROUNDS, State, fitted
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping
@@ -40,10 +40,10 @@ def fit_states(
     robot: RobotDescription,
     models: list[LogLikelihood],
     logs: Sequence[Log],
-    start: tuple[State, Noise, Shared] | None,
+    start: tuple[State, Noise, SharedNuisances] | None,
     usual: float | None,
     least: Noise,
-) -> tuple[State, Noise, Shared, list[Slipping]]:
+) -> tuple[State, Noise, SharedNuisances, list[Slipping]]:
     """Return the states, the noise, the shared nuisances, and the creep of each log.
 
     They are fitted together, as creep under forces depends on the motion in the fitted state, and the state on creep.
@@ -168,9 +168,9 @@ class _Creep:
         factors = np.clip(factors, -MOST_UNEVEN, [MOST_CREEP] + [MOST_UNEVEN] * rows)
         return replace(self, factors=factors, expected=expected, deviations=deviations)
 
-    def shared(self, mount: Array) -> Shared:
+    def shared(self, mount: Array) -> SharedNuisances:
         """Return the factors with their prior, and the place of the tracked point."""
-        return Shared(self.factors, self.expected, self.deviations, mount)
+        return SharedNuisances(self.factors, self.expected, self.deviations, mount)
 
 
 def _corrected(

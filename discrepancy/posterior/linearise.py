@@ -19,7 +19,13 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.cables import with_cables
 from discrepancy.hypotheses.candidates import Candidate, gyro_scale_of, rate_of
 from discrepancy.hypotheses.wheel_tracks import slips_of
-from discrepancy.measurement.design_matrix import Columns, Shared, columns_of, reestimated_noise, schur_complement
+from discrepancy.measurement.design_matrix import (
+    DesignMatrix,
+    SharedNuisances,
+    columns_of,
+    reestimated_noise,
+    schur_complement,
+)
 from discrepancy.measurement.fit_states import fit_states
 from discrepancy.measurement.gap import errors_of, gap_of
 from discrepancy.measurement.servo_work import Pull, pull_of
@@ -64,8 +70,8 @@ class Linearised:
     creep: float
     log_evidence: float
     errors: tuple[Array, ...]
-    designs: tuple[Columns, ...]
-    shared: Shared
+    designs: tuple[DesignMatrix, ...]
+    shared: SharedNuisances
     disagreements: tuple[Disagreement, ...]
     pulls: tuple[Pull, ...]
     slips: tuple[Array, ...]
@@ -157,7 +163,7 @@ def linearise(
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
-        Columns.of(robot, model, log, state, clock, rate, slipping, among, places, name)
+        DesignMatrix.of(robot, model, log, state, clock, rate, slipping, among, places, name)
         for model, log, state, clock, rate, slipping, name in zip(
             models, logs, at.states, at.clocks, _rates(robot, models, at, own_clocks), slips, names, strict=True
         )
@@ -226,10 +232,10 @@ def _rates(robot: RobotDescription, models: Sequence[LogLikelihood], at: State, 
 
 
 def _statistics_of(
-    designs: Sequence[Columns],
+    designs: Sequence[DesignMatrix],
     disagreements: Sequence[Disagreement],
     pulls: Sequence[Pull],
-    shared: Shared,
+    shared: SharedNuisances,
     noise: Noise,
     candidates: Sequence[Candidate],
     columns: Sequence[NDArray[np.intp]],
@@ -251,7 +257,7 @@ def _statistics_of(
 
 
 def _of_sizes(
-    design: Columns, disagreement: tuple[Array, Array, float], pull: Pull, shared: Shared, noise: Noise
+    design: DesignMatrix, disagreement: tuple[Array, Array, float], pull: Pull, shared: SharedNuisances, noise: Noise
 ) -> tuple[Statistics, float]:
     """Return information and score of a log's candidate sizes, with the nuisances (creep and the tracked point)
     integrated out by a Schur complement; and the log evidence with all sizes 0. disagreement: from
@@ -274,7 +280,7 @@ def _of_sizes(
     return Statistics(information, both), likely
 
 
-def _usual(design: Columns) -> Array:
+def _usual(design: DesignMatrix) -> Array:
     """Return sizes (columns,) at which candidates change readings by `COUNTS`, or slips by `SLIP`, rms."""
     rolled = np.sqrt(np.mean(design.model.rolled(design.geometry, design.state) ** 2))
     read = np.sqrt(_mean_of_largest_squares(design.made.readings)) / COUNTS

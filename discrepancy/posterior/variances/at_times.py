@@ -17,7 +17,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
-from discrepancy.measurement.design_matrix import Columns
+from discrepancy.measurement.design_matrix import DesignMatrix
 from discrepancy.posterior.answers import Answer, Cause
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
@@ -141,7 +141,7 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     return by_log
 
 
-def _kept(design: Columns, disagreement: Disagreement, row: int) -> Array:
+def _kept(design: DesignMatrix, disagreement: Disagreement, row: int) -> Array:
     """Return the part (W,) of a row's slip that shows as its disagreement, if no other row slips."""
     rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
     starts = np.cumsum(disagreement.steps) - disagreement.steps
