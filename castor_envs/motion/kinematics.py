@@ -146,6 +146,11 @@ class Geometry:
         return np.where(self.trailing, self.offset, np.nan)
 
     @cached_property
+    def reach(self) -> float:
+        """The largest distance of one robot's wheels from B's origin, m."""
+        return float(np.max(np.hypot(*self.pivot.T) + self.offset) + np.max(np.abs(self.lateral)))
+
+    @cached_property
     def left_of_pivot(self) -> Array:
         """The pivots (..., n, 2) turned by +90 degrees about B's origin, m: their velocities at 1 rad/s."""
         return left_of(self.pivot)

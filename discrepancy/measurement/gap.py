@@ -19,11 +19,10 @@ def errors_of(
     models: Sequence[LogLikelihood], geometry: Geometry, at: State, slips: Sequence[Array]
 ) -> tuple[Array, ...]:
     """Return for each log the difference between odometry, with the slips (K - 1, rows) that are predicted, and
-    reference at every reference pose (poses, 3), m and rad."""
-    logs = zip(models, at.states, at.clocks, slips, strict=True)
+    reference at every reference pose (poses, 3), m and rad, once it is aligned with these."""
     return tuple(
-        model.errors(geometry, state, clock, at.mount, predicted) if model.poses else np.zeros((0, 3))
-        for model, state, clock, predicted in logs
+        model.errors(geometry, clock, at.mount, predicted) if model.poses else np.zeros((0, 3))
+        for model, clock, predicted in zip(models, at.clocks, slips, strict=True)
     )
 
 

@@ -32,7 +32,6 @@ from castor_envs.motion.mobility import RANK, rows_in_use
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.validation.parity import WINDOWS
-from estimators.calibration.maximum_likelihood.tracker import size_of
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.rolling import GAP
 
@@ -71,7 +70,7 @@ class WiringLikelihood:
 
     def __init__(self, robot: RobotDescription, logs: Sequence[Log], dead: frozenset[int] = frozenset()) -> None:
         self._channels, self._dead, self.sees, self.sees_poses = Channels(robot), sorted(dead), False, False
-        self._geometry, self._size = self._channels.geometry, size_of(self._channels.geometry)
+        self._geometry, self._size = self._channels.geometry, self._channels.geometry.reach
         self._columns, self._pivots = len(self._channels.names), len(self._channels.sensed)
         found = [window for number, log in enumerate(logs) for window in self._windows(robot, number, log)]
         if not found:

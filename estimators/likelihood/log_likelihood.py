@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.alignment import aligned
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.geometry.steps import smoothed
@@ -229,16 +230,17 @@ class LogLikelihood(RollingConstraints):
         balanced = np.linalg.pinv(stiff[..., None] * self._moved(geometry, a, b), rcond=1e-10)
         return motion + (balanced[:, :3] @ (stiff * disagreeing)[..., None])[..., 0]
 
-    def errors(self, geometry: Geometry, state: Array, clock: Array, mount: Array, slips: Array | None = None) -> Array:
+    def errors(self, geometry: Geometry, clock: Array, mount: Array, slips: Array | None = None) -> Array:
         """Return the error at every reference pose (poses, 3) of odometry that accounts for slips (K - 1, rows), m,
-        None: those that are expected (`expect`); it starts at the state's first pose."""
+        None: those that are expected (`expect`); aligned with the reference."""
         known = self._poses.taken
         at, part = self._poses.steps_of(known, clock)
-        path = compose(self.odometry(geometry, self._expected if slips is None else slips), mount)
-        truly = compose(state[:, :3], mount)
-        part = np.clip(part, 0.0, 1.0)
-        path, truly = ((1 - part) * poses[at] + part * poses[at + 1] for poses in (path, truly))
-        return compose(truly[0], relative_pose(path[0], path)) - self._poses.poses[known]
+        path, part = (
+            compose(self.odometry(geometry, self._expected if slips is None else slips), mount),
+            part.clip(0, 1),
+        )
+        reference = self._poses.poses[known]
+        return aligned((1 - part) * path[at] + part * path[at + 1], reference, geometry.reach) - reference
 
     def reduce(
         self,

@@ -35,7 +35,7 @@ from estimators.calibration.maximum_likelihood.fit import (
 )
 from estimators.calibration.maximum_likelihood.newton_step import Solution, solved
 from estimators.calibration.maximum_likelihood.noise import MOST
-from estimators.calibration.maximum_likelihood.tracker import MOUNT_SEEN, mount_prior, size_of, straightened
+from estimators.calibration.maximum_likelihood.tracker import MOUNT_SEEN, mount_prior, straightened
 from estimators.calibration.parameters import Parameter, geometry_with, parameters_of, robot_with, values_of
 from estimators.likelihood.creep_prediction import LEAST_NOISE
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
@@ -255,7 +255,7 @@ def information_of(
 
 def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
     """Return findings that no sound robot with a sound reference shows, in words."""
-    size = size_of(described)
+    size = described.reach
     away, turned = float(np.hypot(*mount[:2])), abs(float(mount[2]))
     found = []
     if max(noise.along, noise.across) > MOST.along:
@@ -273,12 +273,12 @@ def _strange(noise: Noise, mount: Array, described: Geometry) -> list[str]:
 
 def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) -> tuple[float, float] | None:
     """Return the rms distance between odometry and reference by each of two geometries; None without reference."""
-    tracked = [fit for fit in zip(models, at.states, at.clocks, strict=True) if fit[0].poses]
+    tracked = [fit for fit in zip(models, at.clocks, strict=True) if fit[0].poses]
     if not tracked:
         return None
 
     def rms(geometry: Geometry) -> float:
-        off = np.concatenate([model.errors(geometry, state, clock, at.mount) for model, state, clock in tracked])[:, :2]
+        off = np.concatenate([model.errors(geometry, clock, at.mount) for model, clock in tracked])[:, :2]
         return float(np.sqrt(np.mean(np.sum(off**2, axis=1))))
 
     before, after = geometries

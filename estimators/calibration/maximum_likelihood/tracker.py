@@ -26,13 +26,7 @@ MOUNT_SEEN = 0.5
 
 def mount_prior(described: Geometry) -> Array:
     """Return the prior standard deviations (3,), m, m, rad, of a tracked point."""
-    size = size_of(described)
-    return np.array([size, size, TURNED])
-
-
-def size_of(described: Geometry) -> float:
-    """Return the largest distance of a robot's wheels from its origin, m."""
-    return float(np.max(np.hypot(*described.pivot.T) + described.offset) + np.max(np.abs(described.lateral)))
+    return np.array([described.reach, described.reach, TURNED])
 
 
 def straightened(described: Geometry, logs: Sequence[Log]) -> tuple[list[Log], float]:
@@ -41,7 +35,7 @@ def straightened(described: Geometry, logs: Sequence[Log]) -> tuple[list[Log], f
     For a small angle the logs stay as they are: it is fitted with all other unknowns. turn: rad, to the left.
     """
     models = [LogLikelihood(described, log) for log in logs]
-    turn = turn_of_tracker([model.ways(described) for model in models], size_of(described))
+    turn = turn_of_tracker([model.ways(described) for model in models], described.reach)
     return [_turned(log, -turn) if turn else log for log in logs], turn
 
 
