@@ -178,12 +178,17 @@ def _diagnosed(
         changed = with_effects(base, effects)
         return linearise(changed, logs, creep=creep, places=places, released=released, jitter=jitter)
 
+    mounted = np.zeros(2) if good is None else good.state.mount[:2]
+
+    def displaced(seen: Linearised) -> float:
+        return float(np.hypot(*(seen.state.mount[:2] - mounted))) / max(material.position, 1e-12)
+
     begin = most_likely(robot, logs, plain)
     first = afresh(begin) if jitter or begin else plain
     plain = plain.without_designs()
     while True:
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        named, seen, posterior, answers = named_together(base, look, ask, worse, first, begin)
+        named, seen, posterior, answers = named_together(base, look, ask, worse, first, begin, displaced)
         found = with_effects(base, named)
         if extended := events.extended(found, logs, seen, good, answers, names):
             new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
@@ -254,11 +259,13 @@ def named_together(
     worse: float,
     first: S,
     begin: Sequence[Sized] = (),
+    displaced: Callable[[S], float] = lambda seen: 0.0,
 ) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    first: statistics of the logs with the effects `begin` in the model; worse: see `refitted`. ask: returns the
+    first: statistics of the logs with the effects `begin` in the model; worse: see `refitted`; displaced: see
+    `exchanged`. ask: returns the
     posterior without hypotheses of some families. The posterior compares effects by signatures, which are wrong of
     large ones, so that an effect which takes the place of another, or may do so, is refused if fits with both in turn
     are at odds with that.
@@ -292,7 +299,8 @@ def named_together(
                     refused |= unlikely
                     continue
             more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
-            better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds, _same(answers, seen))
+            same = _same(answers, seen)
+            better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
                 return named, seen, posterior, answers
             tried.append(families_of(better[0]))

@@ -13,7 +13,7 @@ from scipy.stats import chi2
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs.effects.clocks import EncoderLatency
-from castor_envs.effects.dimensions import PivotBias, PivotPositionY, WheelRadius
+from castor_envs.effects.dimensions import PivotBias, PivotPositionX, PivotPositionY, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash, PivotEccentricity, TickLoss
 from castor_envs.errors import InputError
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
@@ -59,6 +59,17 @@ def test_a_large_effect_is_distinguished_from_its_rival_by_fits_of_both():
         ("pivot_position_y 1",),
     )
     assert abs(answer.size - effect.value) < 3 * answer.error
+
+
+@pytest.mark.parametrize(
+    ("robot", "effect"),
+    [("2-castor", PivotPositionY(castor=1, value=-0.039)), ("tricycle", PivotPositionX(castor=2, value=-0.019))],
+)
+def test_a_pivot_is_named_with_which_the_reference_is_where_it_should_be(robot, effect):
+    """With the other pivot out of place the other way, the reference is mounted as far from the origin instead."""
+    (answer,) = (answer for answer in found(robot, effect).answers if answer.verdict != "negligible")
+    assert answer.effect is not None
+    assert (answer.verdict, answer.effect.name, answer.effect.castor) == ("named", effect.name, effect.castor)
 
 
 @pytest.mark.parametrize(
