@@ -200,11 +200,16 @@ def exchanged(
     their sizes are (`_log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
     first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
     distinguishes from them, or no more than by where the reference is mounted; one that is likelier by more than fits
-    converge to is taken. displaced: how far the reference is mounted from
-    where it is expected, in units of what matters: if one of `same` brings it nearer by more than 1, that is taken
-    unless it is unlikely, and the other way round.
+    converge to is taken. displaced: how far the reference is mounted from where it is expected, in units of what
+    matters: if one of `same` brings it nearer by more than 1, that is taken unless it is unlikely, and the other way
+    round.
     """
     best, found = seen.log_evidence, None
+
+    def fitted_again() -> float:
+        """The states of the model itself may not have converged either."""
+        return max(best, look(named, seen, [effect.candidate for effect in named]).log_evidence)
+
     of_named = _log_prior(named, seen)
     added = [((*named, effect), LOG_ODDS - odds) for effect in more]
     first_sizes = {effect.candidate: effect for effect in reversed(more)}.values()
@@ -217,7 +222,9 @@ def exchanged(
             nearer = displaced(seen) - displaced(fitted)
             least = CONVERGED if abs(nearer) < 1.0 else -np.copysign(BY_CHANCE, nearer)
             if len(refit_effects) == len(effects) and fitted.log_evidence > best + least:
-                return refit_effects, fitted
+                best = fitted_again()
+                if fitted.log_evidence > best + least:
+                    return refit_effects, fitted
             decided.add(families_of(effects))
     for effects, advantage in [*_alternatives(named, large, seen), *added]:
         if families_of(effects) in decided:
@@ -227,8 +234,8 @@ def exchanged(
             continue
         if len(effects) == len(named):
             advantage += max(of_named - _log_prior(refit_effects, fitted), 0.0)
-        if found is None:  # states of the model itself may not have converged either
-            best = max(best, look(named, seen, [effect.candidate for effect in named]).log_evidence)
+        if found is None:
+            best = fitted_again()
         if fitted.log_evidence > best + advantage:
             best, found = fitted.log_evidence - advantage, (refit_effects, fitted)
     return found
