@@ -149,8 +149,8 @@ def _within_friction(
     slip = _balanced(rows, seen, needed, yields)
     sliding, slack, of_wheel = np.arange(len(rows)), np.ones_like(yields), wheel[:, None] == wheel
     for _ in range(ROUNDS):
-        slack_needed = np.maximum(np.sqrt((slip[sliding] / yields[sliding]) ** 2 @ of_wheel) / limits, 1.0)
-        slack_needed = np.minimum(slack_needed, most[sliding])
+        forces = np.sqrt((slip[sliding] / yields[sliding]) ** 2 @ of_wheel)
+        slack_needed = np.clip(forces / limits, 1.0, most[sliding])
         moved = np.any(np.abs(slack_needed / slack[sliding] - 1) > CONVERGED, axis=1)
         sliding = sliding[moved]
         if not len(sliding):

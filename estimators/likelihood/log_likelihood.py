@@ -235,11 +235,8 @@ class LogLikelihood(RollingConstraints):
         None: those that are expected (`expect`); aligned with the reference."""
         known = self._poses.taken
         at, part = self._poses.steps_of(known, clock)
-        path, part = (
-            compose(self.odometry(geometry, self._expected if slips is None else slips), mount),
-            part.clip(0, 1),
-        )
-        reference = self._poses.poses[known]
+        path = compose(self.odometry(geometry, self._expected if slips is None else slips), mount)
+        part, reference = np.clip(part, 0.0, 1.0), self._poses.poses[known]
         return aligned((1 - part) * path[at] + part * path[at + 1], reference, geometry.reach) - reference
 
     def reduce(
