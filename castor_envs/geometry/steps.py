@@ -2,6 +2,7 @@
 integrals over steps, to fourth order in their length where steps are even.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,7 +22,7 @@ class Motion:
     t (K,): s, increasing. pose (K, 3): of B in N, m and rad, unwrapped. wheel_angle (K, w): since the start, rad; NaN
     for wheels without encoder. castor_angle (K, n): theta, rad, unwrapped. consistent_wheels: whether disagreement
     between the wheels' angles is ignored: where the motion is known from a log alone, such disagreement is mostly
-    noise.
+    noise. averaging: s, standard deviation of the times over which such disagreement is averaged (`averaged`).
     """
 
     t: Array
@@ -29,6 +30,7 @@ class Motion:
     wheel_angle: Array
     castor_angle: Array
     consistent_wheels: bool = False
+    averaging: float = 0.0
 
     @cached_property
     def period(self) -> Array:
@@ -75,6 +77,10 @@ class Motion:
         """The acceleration of the body's origin, turned into B, and of its heading (K - 1, 3), m/s2 and rad/s2."""
         rate = self.acceleration_of(self.pose)
         return np.column_stack([self.in_body(rate[:, :2]), rate[:, 2]])
+
+    def averaged(self, rates: Array) -> Array:
+        """Return rates in every step (K - 1, ...), averaged over `averaging`, and over three steps at least."""
+        return smoothed(rates, max(round(2 * (self.averaging / float(np.median(self.period))) ** 2), 1))
 
     def acceleration_of(self, course: Array) -> Array:
         """Return the second derivative in each step (K - 1, ...) of what is known at every sample, `course` (K, ...).
@@ -171,7 +177,14 @@ def _where_even(even: NDArray[np.bool_], inner: Array, behind: int) -> Array:
     return inner * even[1:-1].reshape(-1, *(1,) * behind)
 
 
-def smoothed(course: Array) -> Array:
-    """Return values of successive steps (K - 1, ...), each a mean of itself (1/2) and its neighbours (1/4 each)."""
-    padded = np.concatenate([course[:1], course, course[-1:]])
-    return padded[1:-1] / 2 + (padded[2:] + padded[:-2]) / 4
+def smoothed(course: Array, times: int = 1) -> Array:
+    """Return values of successive steps (K - 1, ...), each averaged with its neighbours (1/4, 1/2, 1/4), so many
+    times."""
+    reach = min(times, math.ceil(4 * math.sqrt(times / 2)))  # four standard deviations
+    weights = [math.comb(2 * times, times + k) / 4**times for k in range(reach + 1)]
+    padded = np.concatenate([course[:1]] * reach + [course] + [course[-1:]] * reach)
+    total = weights[0] * course
+    for k in range(1, reach + 1):
+        before, after = (padded[first : first + len(course)] for first in (reach - k, reach + k))
+        total += weights[k] * (before + after)
+    return total / (weights[0] + 2 * sum(weights[1:]))

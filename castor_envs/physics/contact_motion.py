@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate
-from castor_envs.geometry.steps import Motion, Slip, integrated, smoothed
+from castor_envs.geometry.steps import Motion, Slip, integrated
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.weight import castor_center, chassis, wheel_loads
@@ -122,14 +122,14 @@ def _slipping(
     carrying = np.flatnonzero(np.concatenate([~np.isnan(geometry.counts_per_rev), geometry.standard]))
     rows = rows[:, carrying]
 
-    speed = smoothed(np.abs(path[:, :w]) / motion.period[:, None])
+    speed = motion.averaged(np.abs(path[:, :w]) / motion.period[:, None])
     speed = np.maximum(speed, LEAST * speed.max(axis=1, keepdims=True)) + STANDING
     contact, loads = robot.contact, wheel_loads(robot, floor.normal_gravity)
     stiffness = np.concatenate([contact.slip_stiffness_long * loads, contact.slip_stiffness_lat * loads])
     yields = (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
     needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
     path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
-    seen = smoothed(path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels))
+    seen = motion.averaged(path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels))
     limits = (contact.friction * loads)[carrying % w]
     most = np.maximum(speed.max(axis=1, keepdims=True) / (yields * limits), 1.0)
     return carrying, *_within_friction(rows, seen, needed, yields, limits, most, carrying % w)
