@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.special import logit
+from scipy.special import expit, logit
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
-from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE
+from discrepancy.posterior.calibrated import CREDIBLE, FAULT, LOG_ODDS, SIGNATURE
 from discrepancy.posterior.priors import directions_in_model
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
 from discrepancy.posterior.refit import Sized, sizes_of
@@ -37,8 +37,8 @@ def judged(
     material: Material,
     fit: Callable[[Sequence[Sized]], Seen | None] | None = None,
 ) -> tuple[Answer, ...]:
-    """Return the answers with their verdicts, without those that held-out logs contradict so much that "nothing" is in
-    the credible set of all logs together.
+    """Return the answers with their verdicts and with their probabilities by all logs, without those that held-out logs
+    contradict so much that "nothing" is in the credible set of all logs together.
 
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them; fit: returns statistics of these logs with
@@ -46,7 +46,7 @@ def judged(
     """
     kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit)
     if kept is not None:
-        answers = [answer for answer in answers if not kept.contradict(answer)]
+        answers = [kept.updated(answer) for answer in answers if not kept.contradict(answer)]
     verdicts = [_judgement(answer, kept, material) for answer in answers]
     return tuple(
         dataclasses.replace(answer, verdict=verdict, reason=reason)
@@ -102,7 +102,7 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
         grows = gap_grows(held_out.without, held_out.with_named, material)
         if grows or (answer.confirmed is None and not held_out.better(material)):
             return "unconfirmed", f"held-out logs are not explained better with {description}"
-        if held_out.show_another_size(answer):
+        if answer.probability < CREDIBLE:
             return "unconfirmed", f"held-out logs show another size of {description}, so it is hardly constant"
     return "named", description
 
@@ -147,11 +147,27 @@ class _HeldOut:
             return False
         return self.log_ratio(answer) < min(LOG_ODDS + float(logit(answer.absent)), 0.0)
 
-    def show_another_size(self, answer: Answer) -> bool:
-        """Whether an effect's size in held-out logs is likelier another one of the same order than the same, by what
-        a credible set needs. Effects of the catalogue have one size; what another cause mimics need not."""
+    def updated(self, answer: Answer) -> Answer:
+        """Return an answer with the probability that its effect is the cause in these logs as well.
+
+        What explains the other logs for certain is something else, which only looks like it, once in as many times as
+        a credible set is wrong. In these logs that has another size of the same order, or leaves nothing, equally
+        likely; the effect has the size found.
+        """
+        if answer.effect is None or len(answer.credible) > 1:
+            return answer
+        absent = self.log_ratio(answer)
+        ratio = np.log(2) - np.logaddexp(-absent, -self.log_ratio_of_size(answer))
+        part, name = float(expit(LOG_ODDS + ratio)), answer.credible[0]
+        probabilities = answer.probabilities | {name: part * answer.probability}
+        probabilities["nothing"] = probabilities.get("nothing", 0.0) + (1 - part) * answer.probability
+        return dataclasses.replace(answer, probabilities=probabilities)
+
+    def log_ratio_of_size(self, answer: Answer) -> float:
+        """Return the log-likelihood ratio of an effect's size in held-out logs being the one found against another one
+        of the same order. Effects of the catalogue have one size; what another cause mimics need not."""
         if answer.confirmed is not None or answer.candidate not in self.with_named.candidates:
-            return False
+            return 0.0
         effect = self._sized(answer)
         effects = [effect, *(other for other in self.named if other.candidate != answer.candidate)]
         sizes = [sized.amplitudes for sized in effects]
@@ -164,13 +180,13 @@ class _HeldOut:
         away = (covariance @ shown.score)[:count] - effect.amplitudes
         same = covariance[:count, :count] + answer.covariance + SIGNATURE**2 * square * np.eye(count)
         other = same + square * np.eye(count)
-        if _log_density(away, other) - _log_density(away, same) < LOG_ODDS:
-            return False
-        if self.fit is None:
-            return True
+        ratio = _log_density(away, same) - _log_density(away, other)
+        if ratio > -LOG_ODDS or self.fit is None:
+            return ratio
         moved = [one.moved(away) if one.candidate == answer.candidate else one for one in self.named]
         found = self.fit(moved)  # the formula may be far off
-        return found is not None and found.log_evidence - self.with_named.log_evidence > LOG_ODDS
+        likelier = found is not None and found.log_evidence - self.with_named.log_evidence > LOG_ODDS
+        return ratio if likelier else 0.0
 
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""

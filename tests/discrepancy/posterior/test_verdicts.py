@@ -136,3 +136,28 @@ def test_another_size_counts_only_if_held_out_logs_are_likelier_with_it(likelier
 
     assert verdict(seen(0.0, None), held_out, fit=fit) == expected
     assert tried == pytest.approx([0.006], abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("information", "shown", "least", "most"),
+    [
+        (1e8, 0.01, 0.998, 0.9999),  # as large as found
+        (1e-3, 0.0, 0.949, 0.951),  # nothing to see
+        (1e8, 0.004, 0.0, 1e-3),  # another size
+        (1e8, 0.0, 0.0, 1e-3),  # nothing there
+        (1e5, 0.005, 0.94, 0.98),  # half of it, give or take a third
+    ],
+)
+def test_the_probability_is_that_by_all_logs(information, shown, least, most):
+    """Once in twenty what looks like an effect is something else, of which other logs show another size, or nothing."""
+    held_out = seen(0.0, None)
+    held_out.logs = (Statistics(np.array([[information]]), np.array([information * (shown - 0.01)])),)
+    named = [Sized(CAUSE, ANSWER.amplitudes)]
+    (answer,) = judged([ANSWER], named, (seen(0.0, None), held_out), ORDER, MATERIAL)
+    assert least <= answer.probability < most
+    assert sum(answer.probabilities.values()) == pytest.approx(1.0)
+
+
+def test_without_held_out_logs_the_probability_is_that_of_the_posterior():
+    (answer,) = judged([ANSWER], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)
+    assert answer.probability == ANSWER.probability
