@@ -45,7 +45,7 @@ from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
 from discrepancy.posterior.variances.noise_excess import noise_of, noisy_answers
-from discrepancy.posterior.verdicts import MATERIAL, Material, explains_better, gap_grows, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, gap_grows, gap_shrinks, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
 
 LOOKS = 6
@@ -249,7 +249,7 @@ def _diagnosed(
     changed = replace(diagnosis, dimensions=tuple(together))
 
     pair = in_held_out(diagnosis.found), in_held_out(changed.found)
-    return changed if explains_better(*pair, material) and not gap_grows(*pair, material) else diagnosis
+    return changed if gap_shrinks(*pair, material) and not gap_grows(*pair, material) else diagnosis
 
 
 def named_together(

@@ -189,7 +189,7 @@ def linearise(
         cost[1, indices[len(design.steps) :]] += 2 * np.pi * np.abs(design.gyro_scales)  # of a heading by the gyro
         costs.append(cost)
     disagreements = tuple(
-        Disagreement.of(design.model, design.made.changes, log.t, slipping.by_effects, steps)
+        Disagreement.of(design.model, design.made.changes, log.t, slipping.disagreement, steps)
         for design, log, slipping, steps in zip(designs, logs, slips, released, strict=True)
     )
     pulls = tuple(

@@ -64,8 +64,11 @@ def verdict_of(answers: Sequence[Answer]) -> Verdict:
 
 def explains_better(before: Seen, after: Seen, material: Material) -> bool:
     """Whether logs are likelier by what a credible set needs, or their gap is smaller by what matters."""
-    if after.log_evidence - before.log_evidence > LOG_ODDS:
-        return True
+    return after.log_evidence - before.log_evidence > LOG_ODDS or gap_shrinks(before, after, material)
+
+
+def gap_shrinks(before: Seen, after: Seen, material: Material) -> bool:
+    """Whether the gap is smaller by what matters, in position or in heading."""
     if before.gap is None or after.gap is None:
         return False
     return any(was - now > matters for was, now, matters in zip(before.gap, after.gap, material, strict=True))

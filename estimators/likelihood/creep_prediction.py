@@ -17,6 +17,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Slip
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion, yields
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.likelihood.channels import Channels
@@ -81,11 +82,29 @@ class Slipping:
             return np.zeros_like(self.stiffness)
         plain, state = replace(real, effects=()), self._state.copy()
         state[:, 3:] = self._channels.read(real, self._log, state[:, 3:])
-        return self._rows(self._creep - Slipping(plain, self._model, self._log, state)._creep)
+        without = Slipping(plain, self._model, self._log, state)
+        return self._rows(self._predicted(self._over, averaged=False) - without._predicted(averaged=False))
 
-    def _predicted(self, known: Slip | None = None, consistent: bool = False) -> Slip:
-        """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree."""
+    @cached_property
+    def disagreement(self) -> Array:
+        """The disagreement of wheels (K - 1, rows), m, that the robot's effects cause, and mistakes of wiring: the
+        difference to that of a robot without them whose encoders read the same. A controller that does not know of them
+        leaves none in what it reads."""
+        real = self._robot.with_effects(*self._log.undone)
+        if not real.effects:
+            return np.zeros_like(self.stiffness)
+        read = self._state.copy()
+        read[:, 3:] = self._channels.read(real, self._log, read[:, 3:])
+        built, described = self._channels.geometry, Geometry.of(real.as_described())
+        return self._model.disagreement(built, self._state) - self._model.disagreement(described, read)
+
+    def _predicted(self, known: Slip | None = None, consistent: bool = False, averaged: bool = True) -> Slip:
+        """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree.
+
+        averaged: over times in which noise goes out, but with it what encoders truly read in a few steps.
+        """
         robot, motion = self._without, self._channels.motion(self._log, self._state, consistent_wheels=consistent)
+        motion = motion if averaged else replace(motion, averaging=0.0)
         known = Slip.none(motion) if known is None else known
         rolled_more = np.cumsum(known.rolling, axis=0) / self._channels.geometry.radius
         motion = replace(motion, wheel_angle=motion.wheel_angle + np.pad(rolled_more, ((1, 0), (0, 0))))

@@ -70,8 +70,8 @@ class Disagreement:
     def of(
         cls, model: LogLikelihood, changes: Changes, t: Array, caused: Array, released: NDArray[np.bool_]
     ) -> "Disagreement":
-        """Return the disagreement of a log beyond the slips (K - 1, rows) that the robot's effects cause, or the part
-        of these that explains most.
+        """Return the disagreement of a log beyond that (K - 1, rows) which the robot's effects cause, or the part of
+        this that explains most.
 
         changes: of the candidates' sizes. t (K,): times of samples, s.
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
@@ -79,9 +79,7 @@ class Disagreement:
         geometry, state = changes.geometry, changes.state
         seen = model.disagreement(geometry, state)
         if np.any(caused):
-            caused = caused - model.explained(geometry, state, caused)
-            square = max(float(np.sum(caused**2)), 1e-30)
-            caused *= np.clip(np.sum(seen * caused) / square, 0.0, MOST_CAUSED)
+            caused = caused * np.clip(np.sum(seen * caused) / np.sum(caused**2), 0.0, MOST_CAUSED)
         way = np.abs(model.rolled(geometry, state)).max(axis=1)
         short = max(round(QUICK / np.median(np.diff(t))), 1)
         parts = max(round(WINDOW / np.median(np.diff(t)) / short), 1)

@@ -92,6 +92,22 @@ def test_odometry_with_predicted_creep_is_right_where_odometry_alone_is_not(name
     assert np.hypot(*off[:2]) > 8 * beyond_noise
 
 
+def test_a_module_that_is_toed_in_is_as_likely_as_any_at_its_true_angle():
+    """Its controller leaves no disagreement in what encoders read: what is caused is the difference to that, exactly.
+    By averaged creep instead, no angle would be likelier than this one. Half of it is as likely, as the wheel slides
+    with all its friction then."""
+    log = driven("swerve", STEERED)
+
+    def log_evidence(angle, castor=1):
+        robot = preset("swerve").with_effects(PivotBias(castor=castor, value=angle))
+        return linearise(robot, [log], among=()).log_evidence
+
+    true = log_evidence(STEERED.value)
+    assert true > max(log_evidence(part * STEERED.value) for part in (0.5, 1.5)) - 1.0
+    assert true > log_evidence(1e-6) + 5.0
+    assert true > log_evidence(STEERED.value, castor=2) + 10.0
+
+
 SMALL = [
     ("asoc-prototype", WheelRadius(castor=3, wheel=2, value=1e-4)),
     ("swerve", PivotBias(castor=1, value=1e-4)),
