@@ -24,11 +24,6 @@ REFITS, CONVERGED, HALVINGS = 6, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
 
-BY_CHANCE = 30.0
-"""Most by which log evidences of one model differ from fit to fit (natural logarithm), as creep is predicted anew from
-each: 60 s of `2-castor` with a pivot 39 mm out of place have 35,702 to 35,724 in eight fits that begin where the last
-ended."""
-
 STRETCH = 1.1
 """Factor by which sizes are tried that Newton's method may have left too small."""
 
@@ -219,9 +214,9 @@ def exchanged(
     for k, effect in enumerate(named):
         for other in (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ())):
             effects = (*named[:k], other, *named[k + 1 :])
-            refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best - BY_CHANCE)
+            refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best - LOG_ODDS)
             nearer = displaced(seen) - displaced(fitted)
-            least = CONVERGED if abs(nearer) < 1.0 else -np.copysign(BY_CHANCE, nearer)
+            least = CONVERGED if abs(nearer) < 1.0 else -np.copysign(LOG_ODDS, nearer)
             if len(refit_effects) == len(effects) and fitted.log_evidence > best + least:
                 best = fitted_again()
                 if fitted.log_evidence > best + least:

@@ -172,15 +172,16 @@ class _HeldOut:
         if answer.confirmed is not None or answer.candidate not in self.with_named.candidates:
             return 0.0
         effect = self._sized(answer)
-        effects = [effect, *(other for other in self.named if other.candidate != answer.candidate)]
+        shown = [other for other in self.named if other.candidate in self.with_named.candidates]
+        effects = [effect, *(other for other in shown if other.candidate != answer.candidate)]
         sizes = [sized.amplitudes for sized in effects]
         logs = [log.at(-sizes_of(effects, self.with_named)) for log in self.with_named.logs]
         along = directions_in_model(self.with_named, [sized.candidate for sized in effects])
-        shown = self.order.beyond(agreeing(logs, self.with_named.lasting)).of_combinations(along)
+        statistics = self.order.beyond(agreeing(logs, self.with_named.lasting)).of_combinations(along)
         prior = np.repeat([1 / (FAULT**2 * (size @ size)) for size in sizes], [len(size) for size in sizes])
-        covariance = np.linalg.inv(shown.information + np.diag(prior))
+        covariance = np.linalg.inv(statistics.information + np.diag(prior))
         count, square = len(effect.amplitudes), float(effect.amplitudes @ effect.amplitudes)
-        away = (covariance @ shown.score)[:count] - effect.amplitudes
+        away = (covariance @ statistics.score)[:count] - effect.amplitudes
         same = covariance[:count, :count] + answer.covariance + SIGNATURE**2 * square * np.eye(count)
         other = same + square * np.eye(count)
         ratio = _log_density(away, same) - _log_density(away, other)
