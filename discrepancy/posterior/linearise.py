@@ -247,7 +247,7 @@ def _statistics_of(
     for design, disagreement, pull in zip(designs, disagreements, pulls, strict=True):
         parts = [place[candidate] for candidate in design.candidates]
         indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
-        statistics, log_likelihood = _of_sizes(design, disagreement.statistics(noise.turning), pull, shared, noise)
+        statistics, log_likelihood = _of_sizes(design, disagreement.statistics(), pull, shared, noise)
         at = np.append(indices, indices + count)
         information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
         information[np.ix_(at, at)], score[at] = statistics

@@ -157,11 +157,11 @@ class _HeldOut:
         a credible set is wrong. In these logs that has another size of the same order, or leaves nothing, equally
         likely; the effect has the size found.
         """
-        if answer.effect is None or len(answer.credible) > 1:
+        if answer.effect is None or len(answer.credible) != 1:
             return answer
         absent = self.log_ratio(answer)
         ratio = np.log(2) - np.logaddexp(-absent, -self.log_ratio_of_size(answer))
-        part, name = float(expit(LOG_ODDS + ratio)), answer.credible[0]
+        part, (name,) = float(expit(LOG_ODDS + ratio)), answer.credible
         probabilities = answer.probabilities | {name: part * answer.probability}
         probabilities["nothing"] = probabilities.get("nothing", 0.0) + (1 - part) * answer.probability
         return dataclasses.replace(answer, probabilities=probabilities)

@@ -7,6 +7,7 @@ usual disagreement is therefore estimated as a noise level, and what exceeds it 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,8 +34,12 @@ LEAST_KEPT = 1e-3
 """Least part of a row's slip that must show as disagreement with the other rows, so that the slip can be estimated."""
 
 MOST_CAUSED = 1.5
-"""Largest factor of the disagreement that is predicted of effects in the model: 1 if a controller that does not know of
-them holds its wheels at speed, 0 if wheels give way to each other."""
+"""Largest factor of the disagreement that is predicted of effects in the model. It is 1 if a controller that does not
+know of them holds its wheels at speed, 0 if wheels give way to each other, or what least squares give: as makes the
+rest the likeliest."""
+
+BY_TURNING = (0.0, *np.geomspace(1e-5, 1e-2, 16).tolist())
+"""Amounts that are tried of disagreement of contacts that motors turn on the floor, m after 1 rad."""
 
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
@@ -48,11 +53,11 @@ class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
-    cause. turned (W, rows): standard deviation of what motors that turn contacts on the floor cause, per unit of
-    `Noise.turning`. by_size (W, rows, C): change of disagreement per unit of each candidate's size, in single
-    precision. counted (W,): windows that count. along (rows,): true for rolling constraints, false for side slip.
-    t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps
-    in each window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ within these.
+    cause. turned (W, rows): standard deviation of what motors that turn contacts on the floor cause, if that is 1 m
+    after 1 rad. by_size (W, rows, C): change of disagreement per unit of each candidate's size, in single precision.
+    counted (W,): windows that count. along (rows,): true for rolling constraints, false for side slip. t (W,): when
+    windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps in each
+    window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ within these.
     """
 
     seen: Array
@@ -77,17 +82,26 @@ class Disagreement:
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
         geometry, state = changes.geometry, changes.state
-        seen = model.disagreement(geometry, state)
-        if np.any(caused):
-            caused = caused * np.clip(np.sum(seen * caused) / np.sum(caused**2), 0.0, MOST_CAUSED)
-        way = np.abs(model.rolled(geometry, state)).max(axis=1)
+        seen, way = model.disagreement(geometry, state), np.abs(model.rolled(geometry, state)).max(axis=1)
         short = max(round(QUICK / np.median(np.diff(t))), 1)
         parts = max(round(WINDOW / np.median(np.diff(t)) / short), 1)
         starts = np.arange(0, len(way), parts * short)
         rolled = _rolled(way, starts)
         counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
         along = model.rows < len(geometry.radius)
-        quick, by_size = _Quick.of(seen - caused, way, short, parts, along, counted), []
+        turned = np.sqrt(np.add.reduceat(model.turned(geometry, state), starts, axis=0)) / rolled[:, None]
+        shares = [0.0]
+        if np.any(caused):
+            shares = [1.0, 0.0, float(np.clip(np.sum(seen * caused) / np.sum(caused**2), 0.0, MOST_CAUSED))]
+        found = []
+        for share in shares:
+            left = seen - share * caused
+            of_way = np.add.reduceat(left, starts, axis=0) / rolled[:, None]
+            quick = _Quick.of(left, way, short, parts, along, counted)
+            likely = quick.likely + _usual(of_way, counted, along, turned)[1]
+            found.append((likely, of_way, quick, share))
+        _, of_way, quick, share = max(found, key=lambda one: one[0])
+        by_size = []
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
         for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
             by_step = model.agreement_by(changes, steps)
@@ -95,11 +109,7 @@ class Disagreement:
             sums = np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short))
             by_size.append((sums / rolled[first : first + len(sums), None, None]).astype(np.float32))
             quick.add(by_step, steps)
-        of_way, doubt, squared = (
-            np.add.reduceat(part, starts, axis=0) / rolled[:, None]
-            for part in (seen - caused, UNEVEN * np.abs(caused), model.turned(geometry, state))
-        )
-        turned = np.sqrt(squared / rolled[:, None])
+        doubt = np.add.reduceat(UNEVEN * np.abs(share * caused), starts, axis=0) / rolled[:, None]
         steps = np.diff(np.append(starts, len(way)))
         way = np.repeat(rolled / steps, steps)
         return cls(
@@ -108,21 +118,23 @@ class Disagreement:
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
-        seen = self.seen[self.counted]
-        return _size(seen[:, self.along]), _size(seen[:, ~self.along])
+        return _sizes(self.seen, self.counted, self.along)
 
-    def usual(self, turning: float) -> Array:
-        """Return the usual size (W, rows) of disagreement in every window; turning: see `Noise`."""
-        return np.hypot(np.where(self.along, *self.sizes()), turning * self.turned)
+    @cached_property
+    def usual(self) -> Array:
+        """The usual size (W, rows) of disagreement in every window, with the likeliest amount for contacts that motors
+        turn on the floor. The slip that the fit sees there is no measure of it: that is larger with a wrong model."""
+        return _usual(self.seen, self.counted, self.along, self.turned)[0]
 
-    def scale(self, turning: float) -> Array:
-        """Return the usual size (W, rows) beside the effects in the model: where these cause much, it is larger."""
-        return np.hypot(self.usual(turning), self.doubt)
+    @cached_property
+    def scale(self) -> Array:
+        """The usual size (W, rows) beside the effects in the model: where these cause much, it is larger."""
+        return np.hypot(self.usual, self.doubt)
 
-    def beside(self, columns: Sequence[int], turning: float) -> Array:
+    def beside(self, columns: Sequence[int]) -> Array:
         """Return the disagreement (W, rows) in units of its `scale`, after least squares of these columns; 0 in windows
         that do not count."""
-        scale = self.scale(turning)
+        scale = self.scale
         left = (self.counted[:, None] * self.seen / scale).reshape(-1)
         if len(columns):
             by_size = (self.by_size[..., list(columns)] / scale[..., None]).reshape(len(left), len(columns))
@@ -137,10 +149,10 @@ class Disagreement:
         slips[:, row, 0] = np.repeat(size, self.steps) * self.way
         return slips
 
-    def statistics(self, turning: float) -> tuple[Array, Array, float]:
+    def statistics(self) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
-        where all of these are 0. turning: see `Noise`."""
-        weight, likely = _weighed(self.seen, self.usual(turning), self.counted)
+        where all of these are 0."""
+        weight, likely = _weighed(self.seen, self.usual, self.counted)
         columns = (self.by_size * weight[..., None]).reshape(self.seen.size, -1)
         information, score = columns.T @ columns, columns.T @ (self.seen * weight).reshape(-1)
         information, score, likely = information + self.quick[0], score + self.quick[1], likely + self.quick[2]
@@ -158,7 +170,7 @@ class _Quick:
         self._rolled, self._way, self._short, self._parts = rolled, way, short, parts
         self._seen = self._weight = np.zeros((0, 0))
         self._sums: tuple[Array | float, Array | float] = (0.0, 0.0)
-        self._likely = 0.0
+        self.likely = 0.0
 
     @classmethod
     def of(
@@ -178,7 +190,7 @@ class _Quick:
         counts = np.repeat(counted, parts)[: len(starts)]
         sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
         size = np.broadcast_to(np.where(along, *sizes), quick._seen.shape)
-        quick._weight, quick._likely = _weighed(quick._seen, size, counts)
+        quick._weight, quick.likely = _weighed(quick._seen, size, counts)
         return quick
 
     def add(self, by_size: Array, steps: slice) -> None:
@@ -193,7 +205,7 @@ class _Quick:
     def statistics(self) -> tuple[Array, Array, float]:
         """Return information (C, C) and score (C,) of sizes, and the log-likelihood where all are 0."""
         information, score = self._sums
-        return np.asarray(information), np.asarray(score), self._likely
+        return np.asarray(information), np.asarray(score), self.likely
 
     def _differences(self, by_step: Array, steps: slice) -> Array:
         """Return sums over short windows (v, ...) beyond their share of the long window's sum, over the way."""
@@ -211,6 +223,20 @@ def _rolled(way: Array, starts: NDArray[np.intp]) -> Array:
     """Return the way (W,) in windows, m; at rest, where nothing says how far, a part of what is usual."""
     rolled = np.add.reduceat(way, starts)
     return np.hypot(rolled, np.median(rolled) / 4) + 1e-9
+
+
+def _sizes(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_]) -> Sizes:
+    """Return `Disagreement.sizes`."""
+    return _size(seen[counted][:, along]), _size(seen[counted][:, ~along])
+
+
+def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array) -> tuple[Array, float]:
+    """Return `Disagreement.usual`, and the log-likelihood of the disagreement."""
+    sizes = np.where(along, *_sizes(seen, counted, along))
+    each = [np.hypot(sizes, by_turning * turned) for by_turning in BY_TURNING]
+    likely = [_weighed(seen, usual, counted)[1] for usual in each]
+    best = int(np.argmax(likely))
+    return each[best], likely[best]
 
 
 def _weighed(seen: Array, size: Array, counted: NDArray[np.bool_]) -> tuple[Array, float]:

@@ -60,7 +60,7 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
     disagreements = _beside(seen, among)
     usual = np.zeros(disagreements[0].shape[1])
     if clean is not None:
-        good = [disagreement.beside([], clean.noise.turning) for disagreement in clean.disagreements]
+        good = [disagreement.beside([]) for disagreement in clean.disagreements]
         usual = np.max([usual, *map(_log_factors, good)], axis=0)
     found: list[Faulty] = []
     while len(found) < len(usual):
@@ -71,7 +71,7 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
         fault = Faulty(row, tuple(_active(off[:, row]) for off in disagreements), (), float(log_odds[row]))
         by_log = zip(seen.designs, seen.disagreements, disagreements, fault.hits, strict=True)
         slips = [
-            hit * off[:, row] * usually.scale(seen.noise.turning)[:, row] / _kept(design, usually, row)
+            hit * off[:, row] * usually.scale[:, row] / _kept(design, usually, row)
             for design, usually, off, hit in by_log
         ]
         found.append(fault._replace(slips=tuple(slips)))
@@ -137,7 +137,7 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     for design, disagreement in zip(seen.designs, seen.disagreements, strict=True):
         chosen = [candidate in among for candidate in design.candidates for _ in range(candidate.columns)]
         columns = np.flatnonzero(chosen).tolist()
-        by_log.append(disagreement.beside(columns, seen.noise.turning))
+        by_log.append(disagreement.beside(columns))
     return by_log
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from castor_envs.effects.dimensions import PivotBias, WheelRadius
+from castor_envs.effects.dimensions import PivotBias, PivotOffset, WheelRadius
 from castor_envs.effects.wiring import CastorOrder
 from castor_envs.geometry.se2 import relative_pose
 from castor_envs.motion.kinematics import Geometry
@@ -92,20 +92,22 @@ def test_odometry_with_predicted_creep_is_right_where_odometry_alone_is_not(name
     assert np.hypot(*off[:2]) > 8 * beyond_noise
 
 
-def test_a_module_that_is_toed_in_is_as_likely_as_any_at_its_true_angle():
-    """Its controller leaves no disagreement in what encoders read: what is caused is the difference to that, exactly.
-    By averaged creep instead, no angle would be likelier than this one. Half of it is as likely, as the wheel slides
-    with all its friction then."""
-    log = driven("swerve", STEERED)
+@pytest.mark.parametrize(
+    ("name", "effect"), [("swerve", STEERED), ("powered-caster", PivotOffset(castor=1, value=0.007))]
+)
+def test_an_effect_that_drags_wheels_is_as_likely_as_any_at_its_true_size(name, effect):
+    """Its controller leaves no disagreement in what encoders read, so that says nothing for another size. Half of the
+    angle of `swerve` is as likely, as the wheel slides with all its friction then."""
+    log = driven(name, effect)
 
-    def log_evidence(angle, castor=1):
-        robot = preset("swerve").with_effects(PivotBias(castor=castor, value=angle))
-        return linearise(robot, [log], among=()).log_evidence
+    def log_evidence(part, castor=1):
+        changed = replace(effect, value=part * effect.value, castor=castor)
+        return linearise(preset(name).with_effects(changed), [log], among=()).log_evidence
 
-    true = log_evidence(STEERED.value)
-    assert true > max(log_evidence(part * STEERED.value) for part in (0.5, 1.5)) - 1.0
-    assert true > log_evidence(1e-6) + 5.0
-    assert true > log_evidence(STEERED.value, castor=2) + 10.0
+    true = log_evidence(1.0)
+    assert true > max(log_evidence(0.5), log_evidence(1.5)) - 1.0
+    assert true > log_evidence(1e-5) + 5.0
+    assert true > log_evidence(1.0, castor=2) + 10.0
 
 
 SMALL = [

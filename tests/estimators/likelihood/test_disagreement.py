@@ -31,7 +31,7 @@ def seen():
 def test_in_good_order_wheels_agree_but_for_what_rounding_leaves():
     (disagreement,) = seen().disagreements
     assert max(disagreement.sizes()) < 1.5 * LEAST
-    assert np.abs(disagreement.beside([], 0.0)).max() < 6
+    assert np.abs(disagreement.beside([])).max() < 6
 
 
 @pytest.mark.parametrize("effect", [WheelRadius(castor=1, wheel=1, value=1e-3), Track(castor=2, value=1e-3)])
@@ -57,7 +57,7 @@ def test_windows_beyond_what_is_usual_count_with_their_distance():
     likely = []
     for far in (0.0, 1.0, 10.0, 20.0, 30.0):
         off[3, 0] = far * LEAST
-        likely.append(dataclasses.replace(disagreement, seen=off.copy()).statistics(0.0)[2])
+        likely.append(dataclasses.replace(disagreement, seen=off.copy()).statistics()[2])
     assert likely[0] - likely[1] == pytest.approx(0.5)
     assert likely[2] - likely[3] == pytest.approx(likely[3] - likely[4])
 
@@ -76,10 +76,12 @@ def test_wheels_that_a_motor_turns_on_the_floor_may_disagree_more():
     way = np.add.reduceat(disagreement.way, np.cumsum(disagreement.steps) - disagreement.steps)
     shown = np.sum((disagreement.turned * way[:, None]) ** 2, axis=0)
     np.testing.assert_allclose(shown[disagreement.along], angle, rtol=0.1)
-    noisy = dataclasses.replace(
-        disagreement, seen=np.random.default_rng(0).normal(size=disagreement.seen.shape) * disagreement.usual(0.01)
-    )
-    assert np.abs(noisy.beside([], 0.01)).max() < 4.5 < np.abs(noisy.beside([], 0.0)).max()
+    steered, plain = 0.01 * disagreement.turned, np.full(disagreement.seen.shape, 1e-3)
+    for size in (np.hypot(plain, steered), plain):
+        seen = np.random.default_rng(0).normal(size=size.shape) * size
+        noisy = dataclasses.replace(disagreement, seen=seen)
+        assert np.sqrt(np.mean(noisy.beside([]) ** 2)) == pytest.approx(1.0, abs=0.15)
+        assert np.median(noisy.usual / size) == pytest.approx(1.0, abs=0.3)
 
 
 def test_a_robot_whose_wheels_cannot_contradict_each_other_has_none():
