@@ -8,6 +8,7 @@ usual disagreement is therefore estimated as a noise level, and what exceeds it 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ class Disagreement:
             quick = _Quick.of(left, way, short, parts, along, counted)
             likely = quick.likely + _usual(of_way, counted, along, turned)[1]
             found.append((likely, of_way, quick, share))
-        _, of_way, quick, share = max(found, key=lambda one: one[0])
+        _, of_way, quick, share = max(found, key=itemgetter(0))
         by_size = []
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
         for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
