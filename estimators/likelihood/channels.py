@@ -16,8 +16,8 @@ from castor_envs.vehicles.robot import RobotDescription
 AVERAGING = 0.1
 """s: over such times the disagreement of wheels in a fitted state is averaged where creep is predicted from it. As the
 state follows the prediction again, noise in it would go round for ever: fits then end at log evidences that scatter by
-1.5 to 6 nats on eight logs of 60 s at 20 Hz, and with this by up to 1.6. The log evidence of ten logs rises by 186 in all
-with 0.05 s, by 407 with 0.1 s and by 434 to 447 with 0.14 to 0.3 s."""
+1.5 to 6 nats on eight logs of 60 s at 20 Hz, and with this by up to 1.5 on six of them. The log evidence of ten logs
+rises by 186 in all with 0.05 s, by 407 with 0.1 s, and by 434 to 447 with 0.14 to 0.3 s."""
 
 FOLLOWS = 1e-6
 """Part of a backlash within which of its end a shaft counts as turning its encoder."""
