@@ -47,7 +47,6 @@ class Slipping:
         except InputError:  # it cannot stand by itself
             self.stiffness = np.ones((len(log) - 1, len(model.rows)))
         self._over = self._over_cables()
-        self._creep = self._predicted(self._over)
 
     def sure(self) -> Array:
         """Return the slips (K - 1, rows) that are taken as predicted: the extra roll over the robot's cables, and the
@@ -70,19 +69,16 @@ class Slipping:
     def columns(self) -> Array:
         """Return the creep (K - 1, rows, 1 + rows) that is known up to factors: under forces, and of each row where
         wheels disagree."""
-        disagreeing = self._rows(self._creep) - self.forced
+        disagreeing = self._rows(self._predicted(self._over)) - self.forced
         return np.concatenate([self.forced[..., None], disagreeing[..., None] * np.eye(disagreeing.shape[1])], axis=-1)
 
     @cached_property
     def by_effects(self) -> Array:
         """Return the predicted creep (K - 1, rows) that the robot's effects cause, and mistakes of wiring (`Log`): the
         difference to that of a robot without them whose encoders read the same."""
-        real = self._robot.with_effects(*self._log.undone)
-        if not real.effects:
+        if self._described is None:
             return np.zeros_like(self.stiffness)
-        plain, state = replace(real, effects=()), self._state.copy()
-        state[:, 3:] = self._channels.read(real, self._log, state[:, 3:])
-        without = Slipping(plain, self._model, self._log, state)
+        without = Slipping(*self._described)
         return self._rows(self._predicted(self._over, averaged=False) - without._predicted(averaged=False))
 
     @cached_property
@@ -90,13 +86,20 @@ class Slipping:
         """The disagreement of wheels (K - 1, rows), m, that the robot's effects cause, and mistakes of wiring: the
         difference to that of a robot without them whose encoders read the same. A controller that does not know of them
         leaves none in what it reads."""
+        if self._described is None:
+            return np.zeros_like(self.stiffness)
+        robot, model, _, read = self._described
+        return model.disagreement(self._channels.geometry, self._state) - model.disagreement(Geometry.of(robot), read)
+
+    @cached_property
+    def _described(self) -> tuple[RobotDescription, LogLikelihood, Log, Array] | None:
+        """The robot without effects whose encoders read the same, and the state that they read; None: it is this."""
         real = self._robot.with_effects(*self._log.undone)
         if not real.effects:
-            return np.zeros_like(self.stiffness)
+            return None
         read = self._state.copy()
         read[:, 3:] = self._channels.read(real, self._log, read[:, 3:])
-        built, described = self._channels.geometry, Geometry.of(real.as_described())
-        return self._model.disagreement(built, self._state) - self._model.disagreement(described, read)
+        return real.as_described(), self._model, self._log, read
 
     def _predicted(self, known: Slip | None = None, consistent: bool = False, averaged: bool = True) -> Slip:
         """Return the creep predicted where wheels are known to slip for another reason, or (consistent) agree.
