@@ -165,7 +165,7 @@ def test_without_held_out_logs_the_probability_is_that_of_the_posterior():
 
 def test_an_effect_of_which_held_out_logs_hold_nothing_is_no_obstacle():
     """As counts lost at a speed that these never reach."""
-    elsewhere = SimpleNamespace(**(vars(CAUSE) | {"family": "tick_loss 1 1 forward"}))
+    elsewhere: Any = SimpleNamespace(**(vars(CAUSE) | {"family": "tick_loss 1 1 forward"}))
     named = [Sized(CAUSE, ANSWER.amplitudes), Sized(elsewhere, np.array([0.1]))]
     answers = [ANSWER, dataclasses.replace(ANSWER, candidate=elsewhere)]
     confirmed, unseen = judged(answers, named, (seen(0.0, None), seen(10.0, None)), ORDER, MATERIAL)
