@@ -42,6 +42,9 @@ rest the likeliest."""
 BY_TURNING = (0.0, *np.geomspace(1e-5, 1e-2, 16).tolist())
 """Amounts that are tried of disagreement of contacts that motors turn on the floor, m after 1 rad."""
 
+BODY = 3
+"""Degrees of freedom of the body's motion, which is fitted to the rows of every step."""
+
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
 
@@ -90,7 +93,8 @@ class Disagreement:
         rolled = _rolled(way, starts)
         counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
         along = model.rows < len(geometry.radius)
-        turned = np.sqrt(np.add.reduceat(model.turned(geometry, state), starts, axis=0)) / rolled[:, None]
+        turns = model.turned(geometry, state)
+        turned = _part_of_way(turns, starts, rolled)
         shares = [0.0]
         if np.any(caused):
             shares = [1.0, 0.0, float(np.clip(np.sum(seen * caused) / np.sum(caused**2), 0.0, MOST_CAUSED))]
@@ -98,7 +102,7 @@ class Disagreement:
         for share in shares:
             left = seen - share * caused
             of_way = np.add.reduceat(left, starts, axis=0) / rolled[:, None]
-            quick = _Quick.of(left, way, short, parts, along, counted)
+            quick = _Quick.of(left, turns, way, short, parts, along, counted)
             likely = quick.likely + _usual(of_way, counted, along, turned)[1]
             found.append((likely, of_way, quick, share))
         _, of_way, quick, share = max(found, key=itemgetter(0))
@@ -177,21 +181,24 @@ class _Quick:
     def of(
         cls,
         disagreement: Array,
+        turns: Array,
         way: Array,
         short: int,
         parts: int,
         along: NDArray[np.bool_],
         counted: NDArray[np.bool_],
     ) -> "_Quick":
-        """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,); counted (W,): long windows
-        that count."""
+        """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,); turns (K - 1, rows):
+        variance of what motors that turn contacts on the floor cause; counted (W,): long windows that count."""
         starts = np.arange(0, len(way), short)
         quick = cls(_rolled(way, starts), np.add.reduceat(way, starts), short, parts)
         quick._seen = quick._differences(disagreement, slice(0, len(way)))
         counts = np.repeat(counted, parts)[: len(starts)]
         sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
-        size = np.broadcast_to(np.where(along, *sizes), quick._seen.shape)
-        quick._weight, quick.likely = _weighed(quick._seen, size, counts)
+        turned = _part_of_way(turns, starts, quick._rolled)
+        free = (parts - 1) / parts
+        usual, quick.likely = _with_turning(quick._seen, np.where(along, *sizes), counts, turned, free)
+        quick._weight, _ = _weighed(quick._seen, usual, counts, free)
         return quick
 
     def add(self, by_size: Array, steps: slice) -> None:
@@ -231,22 +238,39 @@ def _sizes(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_]) ->
     return _size(seen[counted][:, along]), _size(seen[counted][:, ~along])
 
 
+def _part_of_way(variance: Array, starts: NDArray[np.intp], rolled: Array) -> Array:
+    """Return standard deviations of sums over windows (W, ...), as a part of the way (W,), from variances of steps."""
+    return np.sqrt(np.add.reduceat(variance, starts, axis=0)) / rolled[:, None]
+
+
 def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array) -> tuple[Array, float]:
     """Return `Disagreement.usual`, and the log-likelihood of the disagreement."""
-    sizes = np.where(along, *_sizes(seen, counted, along))
+    return _with_turning(seen, np.where(along, *_sizes(seen, counted, along)), counted, turned)
+
+
+def _with_turning(
+    seen: Array, sizes: Array, counted: NDArray[np.bool_], turned: Array, free: float = 1.0
+) -> tuple[Array, float]:
+    """Return the usual sizes (W, rows) with the likeliest amount for contacts that motors turn, and the log-likelihood;
+    sizes (rows,): without these."""
     each = [np.hypot(sizes, by_turning * turned) for by_turning in BY_TURNING]
-    likely = [_weighed(seen, usual, counted)[1] for usual in each]
+    likely = [_weighed(seen, usual, counted, free)[1] for usual in each]
     best = int(np.argmax(likely))
     return each[best], likely[best]
 
 
-def _weighed(seen: Array, size: Array, counted: NDArray[np.bool_]) -> tuple[Array, float]:
+def _weighed(seen: Array, size: Array, counted: NDArray[np.bool_], free: float = 1.0) -> tuple[Array, float]:
     """Return the weights (W, rows) of disagreements of these usual sizes (W, rows), and their log-likelihood; beyond
-    `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic."""
+    `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic.
+
+    free: part of the windows that are independent. A motion of the body has been fitted to each step, so of n rows
+    n - 3 are, and the others follow from these.
+    """
     off = np.abs(seen) / size
-    weight = counted[:, None] * np.sqrt(np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
+    free *= max(seen.shape[1] - BODY, 0) / seen.shape[1]
+    weight = counted[:, None] * np.sqrt(free * np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
     far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
-    return weight, -float(np.sum(np.log(size[counted]) + far[counted]))
+    return weight, -free * float(np.sum(np.log(size[counted]) + far[counted]))
 
 
 def of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> tuple[Array, Array]:
