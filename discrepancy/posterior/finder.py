@@ -59,10 +59,6 @@ SECOND = 0.2
 """Least part of the deviance explained by the largest new effect that another new effect must explain to enter the
 model in the same round; if the set of effects is then one tried before, all new effects enter."""
 
-WORSE = 0.5
-"""Loss of log-likelihood per sample (natural logarithm) within which logs count as explained no worse: creep is
-predicted anew from the fitted states, so the log-likelihood varies by chance."""
-
 
 Asked = tuple[Posterior, list[Answer]]
 """A posterior over all hypotheses, and the answers that it gives."""
@@ -172,8 +168,6 @@ def _diagnosed(
     def depends(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
         return linearise(changed, logs, start=seen, creep=creep, among=among, released=released, jitter=jitter)
 
-    worse = WORSE * sum(len(log) for log in logs)
-
     def afresh(effects: Sequence[Sized]) -> Linearised:
         changed = with_effects(base, effects)
         return linearise(changed, logs, creep=creep, places=places, released=released, jitter=jitter)
@@ -188,12 +182,12 @@ def _diagnosed(
     plain = plain.without_designs()
     while True:
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        named, seen, posterior, answers = named_together(base, look, ask, worse, first, begin, displaced)
+        named, seen, posterior, answers = named_together(base, look, ask, first, begin, displaced)
         found = with_effects(base, named)
         if extended := events.extended(found, logs, seen, good, answers, names):
             new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
             odds = prior_log_odds(names)
-            if new and (late := exchanged(base, look, worse, named, (), seen, new, odds)):
+            if new and (late := exchanged(base, look, named, (), seen, new, odds)):
                 begin = late[0]
                 first = afresh(begin)
                 continue
@@ -225,7 +219,10 @@ def _diagnosed(
     def in_held_out(vehicle: RobotDescription) -> Linearised:
         return linearise(vehicle, held_out, creep=creep, among=(), released=free, jitter=jitter, own_clocks=True)
 
-    beside = [*events.answers(found, logs, seen, confirmed), *([] if jittery is None else [jittery])]
+    beside = [
+        *events.answers(found, logs, seen, confirmed, encoders_of(answers)),
+        *([] if jittery is None else [jittery]),
+    ]
     beside += [] if curve is None else [answer_of(robot, curve, logs)]
     beside += noisy_answers(seen, None if held is None else held[1], usual)
     inclusion = {answer.credible[0]: answer.probability for answer in beside} | posterior.inclusion()
@@ -256,7 +253,6 @@ def named_together(
     vehicle: Any,
     look: Look[S],
     ask: Callable[[S, Sequence[Sized], Collection[str]], Asked],
-    worse: float,
     first: S,
     begin: Sequence[Sized] = (),
     displaced: Callable[[S], float] = lambda seen: 0.0,
@@ -264,8 +260,7 @@ def named_together(
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    first: statistics of the logs with the effects `begin` in the model; worse: see `refitted`; displaced: see
-    `exchanged`. ask: returns the
+    first: statistics of the logs with the effects `begin` in the model; displaced: see `exchanged`. ask: returns the
     posterior without hypotheses of some families. The posterior compares effects by signatures, which are wrong of
     large ones, so that an effect which takes the place of another, or may do so, is refused if fits with both in turn
     are at odds with that.
@@ -285,7 +280,10 @@ def named_together(
             return named, seen, posterior, answers
         if families not in tried:
             tried.append(families)
-            better = refitted(vehicle, look, worse, named, new, seen)
+            better = refitted(vehicle, look, named, new, seen)
+            if families_of(better[0]) == in_model < families:  # with no part of the new ones the logs are as likely
+                refused |= {("", new) for new in families - in_model}
+                continue
             if unlikely := _unlikely(named, seen, *better, odds):
                 refused |= unlikely
                 continue
@@ -293,14 +291,14 @@ def named_together(
             if in_model != compared:
                 compared, unlikely = in_model, set[tuple[str, str]]()
                 for rival in _ambiguous(answers, named, seen):
-                    fit = refitted(vehicle, look, worse, named, rival, seen, seen.log_evidence - LOG_ODDS)
+                    fit = refitted(vehicle, look, named, rival, seen, seen.log_evidence - LOG_ODDS)
                     unlikely |= _unlikely(named, seen, rival, fit[1] if fit[0] else None, odds)
                 if unlikely:
                     refused |= unlikely
                     continue
             more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
             same = _same(answers, seen)
-            better = exchanged(vehicle, look, worse, named, _large(answers), seen, more, odds, same, displaced)
+            better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
                 return named, seen, posterior, answers
             tried.append(families_of(better[0]))

@@ -105,7 +105,6 @@ def in_place_of(effect: Sized, rival: Cause, seen: Seen) -> Sized:
 def refitted(
     vehicle: Any,
     look: Look[S],
-    worse: float,
     before: Sequence[Sized],
     named: Sequence[Sized],
     seen: S,
@@ -113,23 +112,24 @@ def refitted(
 ) -> tuple[tuple[Sized, ...], S]:
     """Return effects of maximum-likelihood size, and the statistics beside them, of their candidates only.
 
-    worse: loss of log-likelihood (natural logarithm) within which logs count as explained no worse. before: effects
-    that are in the model already, in which `seen` was computed. threshold: log evidence that is to be exceeded; sizes
-    that cannot reach it after a step, by twice the gain that the linear formula predicts, are not refined. One step is
-    always taken, as the formula does not know by how much noises become smaller; but if the proposed sizes alone make
-    the logs less likely by more than `worse`, no effects are returned. Each further step makes the logs likelier.
+    before: effects that are in the model already, in which `seen` was computed; if others only come to these, and no
+    part of the proposed sizes is in the credible set, these are returned. Each further step makes the logs likelier.
+    threshold: log evidence that is to be exceeded; sizes that cannot reach it after a step, by twice the gain that the
+    linear formula predicts, are not refined. One step is always taken, as the formula does not know by how much noises
+    become smaller. No effects are returned if the proposed sizes do not fit at all.
     """
     sizes = {effect.candidate: effect for effect in before}
     known = tuple(
         sizes.get(effect.candidate, dataclasses.replace(effect, amplitudes=np.zeros_like(effect.amplitudes)))
         for effect in named
     )
-    best, current = seen.log_evidence, tuple(named)
+    current = tuple(named)
     if threshold == -np.inf:
-        current, seen = _nearer(vehicle, look, best - worse, known, current, seen)
+        least = seen.log_evidence - LOG_ODDS if families_of(before) <= families_of(named) else -np.inf
+        current, seen = _nearer(vehicle, look, least, known, current, seen)
     else:
         found = fit_with(vehicle, look, current, seen)
-        if found is None or found.log_evidence <= best - worse:
+        if found is None:
             return (), seen
         seen = found
     for step in range(REFITS):
@@ -178,7 +178,6 @@ def _stretched(vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S)
 def exchanged(
     vehicle: Any,
     look: Look[S],
-    worse: float,
     named: Sequence[Sized],
     large: Sequence[Cause],
     seen: S,
@@ -214,7 +213,7 @@ def exchanged(
     for k, effect in enumerate(named):
         for other in (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ())):
             effects = (*named[:k], other, *named[k + 1 :])
-            refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best - LOG_ODDS)
+            refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best - LOG_ODDS)
             nearer = displaced(seen) - displaced(fitted)
             least = CONVERGED if abs(nearer) < 1.0 else -np.copysign(LOG_ODDS, nearer)
             if len(refit_effects) == len(effects) and fitted.log_evidence > best + least:
@@ -225,7 +224,7 @@ def exchanged(
     for effects, advantage in [*_alternatives(named, large, seen), *added]:
         if families_of(effects) in decided:
             continue
-        refit_effects, fitted = refitted(vehicle, look, worse, named, effects, seen, best + advantage)
+        refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best + advantage)
         if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):
             continue
         if len(effects) == len(named):

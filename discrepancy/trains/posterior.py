@@ -20,7 +20,7 @@ from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_o
 from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals
 from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
 from discrepancy.trains.linearise import Linearised, linearise
-from estimators.likelihood.trains.states import STILL, equations_of, sliding_in
+from estimators.likelihood.trains.states import equations_of, sliding_in
 
 
 @threadpool_limits.wrap(limits=1)
@@ -73,7 +73,7 @@ def _named(
         posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted, without)
         return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
 
-    return named_together(train, look, ask, STILL / 2, first)
+    return named_together(train, look, ask, first)
 
 
 def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:

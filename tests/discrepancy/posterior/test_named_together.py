@@ -41,7 +41,7 @@ def in_model(posterior, likelier, statistics_of):
         answers = [answer(names[0], *(candidate.family for candidate in names)) for names in left if names]
         return SimpleNamespace(names=NAMES), answers
 
-    named, *_ = named_together(ROBOT, look, ask, 1e3, look(()))
+    named, *_ = named_together(ROBOT, look, ask, look(()))
     return families_of(named)
 
 

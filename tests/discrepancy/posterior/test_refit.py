@@ -30,7 +30,7 @@ def exchange(statistics_of) -> Any:
 
         named = (Sized(PLACE, np.array([place])),)
         instead = [Sized(GAIN, np.array([gain]))]
-        found = exchanged(ROBOT, look, 1e3, named, (), look(named), instead, odds=-1e3)
+        found = exchanged(ROBOT, look, named, (), look(named), instead, odds=-1e3)
         return None if found is None else found[0][0]
 
     return of
@@ -62,7 +62,7 @@ def test_of_effects_that_no_motion_distinguishes_the_likeliest_is_taken(likelier
         return statistics_of(kinds, np.outer(per_unit, per_unit), likelier if kinds == [GAIN] else 0.0)
 
     named, seen = (Sized(PLACE, 10 * tolerance[:1]),), look(())
-    found: Any = exchanged(ROBOT, look, 1e3, named, (), seen, same={PLACE: [GAIN]})
+    found: Any = exchanged(ROBOT, look, named, (), seen, same={PLACE: [GAIN]})
     assert (found and found[0][0].candidate) == taken
     if taken:
         assert found[0][0].size == pytest.approx(10 * tolerance[1])

@@ -157,7 +157,7 @@ def test_refits_reach_a_large_effect_that_creep_masks_within_the_stated_errors()
                 built = effect.candidate.added(built, effect.amplitudes)
             return linearise(built, [log], start=start, among=among)
 
-        found, seen = refitted(robot, look, 0.5 * len(log), (), near, linearise(robot, [log], among=[candidate]))
+        found, seen = refitted(robot, look, (), near, linearise(robot, [log], among=[candidate]))
         statistics, size = seen.logs[0], np.repeat(found[0].amplitudes, 2)  # creep masks it as predicted
         assert np.sum(statistics.information) ** -0.5 < 0.005 * abs(RADIUS.value)
         standard_error = np.sum(statistics.doubted(np.zeros(2), size).information) ** -0.5  # as answers state it
