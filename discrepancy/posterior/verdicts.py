@@ -48,10 +48,12 @@ def judged(
     if kept is not None:
         answers = [kept.updated(answer) for answer in answers if not kept.contradict(answer)]
     verdicts = [_judgement(answer, kept, material) for answer in answers]
-    return tuple(
+    told = [
         dataclasses.replace(answer, verdict=verdict, reason=reason)
         for answer, (verdict, reason) in zip(answers, verdicts, strict=True)
-    )
+    ]
+    unexplained = max((_price(answer, material) for answer in told if answer.verdict == "unexplained"), default=0.0)
+    return tuple(_doubted(answer) if _price(answer, material) < unexplained else answer for answer in told)
 
 
 def verdict_of(answers: Sequence[Answer]) -> Verdict:
@@ -82,6 +84,22 @@ def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
         return False
     was, now = (np.linalg.norm(np.divide(gap, np.maximum(material, 1e-12))) for gap in (before.gap, after.gap))
     return bool(now > was)
+
+
+def _price(answer: Answer, material: Material) -> float:
+    """Return the odometry error that an effect of the size found causes, in units of what matters."""
+    return float(np.linalg.norm(answer.size * answer.cost / np.maximum(material, 1e-12)))
+
+
+def _doubted(answer: Answer) -> Answer:
+    """Return the answer on an effect beside something unexplained that costs more: it is as likely a part of that."""
+    if answer.verdict != "named":
+        return answer
+    (name,) = answer.credible
+    probabilities = answer.probabilities | {name: answer.probability / 2}
+    probabilities["nothing"] = probabilities.get("nothing", 0.0) + answer.probability / 2
+    reason = f"{answer.candidate.what} may be a part of what is unexplained, which costs more"
+    return dataclasses.replace(answer, probabilities=probabilities, verdict="unconfirmed", reason=reason)
 
 
 def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) -> tuple[Verdict, str]:

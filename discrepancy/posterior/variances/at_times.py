@@ -6,7 +6,7 @@ this is an unnamed alternative, and no simulation can predict it.
 """
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -103,9 +103,15 @@ def recurring(seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty],
 
 
 def answer_of(
-    robot: RobotDescription, logs: Sequence[Log], seen: Linearised, fault: Faulty, confirmed: float | None
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    seen: Linearised,
+    fault: Faulty,
+    confirmed: float | None,
+    unnamed: Collection[str],
 ) -> Answer:
-    """Return the answer for a row that contradicts the other rows intermittently. confirmed: see `Answer`."""
+    """Return the answer for a row that contradicts the other rows intermittently. confirmed: see `Answer`; unnamed:
+    names of encoders on which there is an unnamed alternative: this, and no lost counts, gives slip its sign."""
     probability, largest = float(expit(fault.log_odds)), [np.abs(slips).max(initial=0.0) for slips in fault.slips]
     k = int(np.argmax(largest))
     worst = int(np.argmax(np.abs(fault.slips[k])))
@@ -115,7 +121,7 @@ def answer_of(
     description += f"{seen.disagreements[k].t[worst]:.0f} s" + (f" of log {k + 1}" if len(logs) > 1 else "")
     by_log = zip(seen.disagreements, fault.slips, strict=True)
     cost = seen.cost_of_slips([disagreement.slips(fault.row, slips) for disagreement, slips in by_log])
-    bursts = bursts_of(robot, logs, seen, fault.row, fault.active)
+    bursts = None if place in unnamed else bursts_of(robot, logs, seen, fault.row, fault.active)
     if bursts is None:
         return Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
     candidate, lost = Candidate(described(bursts.effect), (bursts.effect,)), float(expit(bursts.log_odds))

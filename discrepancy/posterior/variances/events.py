@@ -4,7 +4,7 @@ A slippery patch of the floor is searched first, then rows that contradict the o
 events are released (`LogLikelihood.release`: slip has no prior there), so that they do not bias other effects.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -68,11 +68,17 @@ class Events:
         return replace(self, faulty=tuple(faulty)), confirmed
 
     def answers(
-        self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised, confirmed: Sequence[float | None]
+        self,
+        robot: RobotDescription,
+        logs: Sequence[Log],
+        seen: Linearised,
+        confirmed: Sequence[float | None],
+        unnamed: Collection[str],
     ) -> list[Answer]:
-        """Return the answer for each event; confirmed: as `in_other_logs` returns it, or None for each."""
+        """Return the answer for each event; confirmed: as `in_other_logs` returns it, or None for each; unnamed: names
+        of encoders on which there is an unnamed alternative."""
         answers = [
-            at_times.answer_of(robot, logs, seen, fault, log_factor)
+            at_times.answer_of(robot, logs, seen, fault, log_factor, unnamed)
             for fault, log_factor in zip(self.faulty, confirmed, strict=False)
         ]
         if self.patch is not None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
+from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.random_effects import Statistics
@@ -30,6 +31,8 @@ ANSWER = Answer(
     covariance=np.array([[1e-8]]),
     cost=np.array([1.0, 1.0]),
 )
+UNKNOWN = Answer.judged_apart(Candidate("wheel_1l slips more and more"), 1.0, 0.01, 1e-4, 0.01 * ANSWER.cost)
+"""An unnamed alternative of the same size and cost."""
 ORDER: Any = SimpleNamespace(beyond=lambda logs: logs[0])
 
 
@@ -96,6 +99,16 @@ def test_an_effect_whose_size_may_be_zero_is_not_confirmed(error, expected):
     unsure = dataclasses.replace(ANSWER, covariance=np.array([[error**2]]))
     (answer,) = judged([unsure], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)
     assert (answer.verdict, "may be 0" in answer.reason) == (expected, expected == "unconfirmed")
+
+
+@pytest.mark.parametrize(("costs_more", "expected", "probability"), [(0.9, "named", 1.0), (1.1, "unconfirmed", 0.5)])
+def test_beside_something_unexplained_that_costs_more_a_name_is_not_sure(costs_more, expected, probability):
+    """It may be a part of that, as likely as not."""
+    unknown = dataclasses.replace(UNKNOWN, cost=costs_more * ANSWER.cost)
+    answers = judged([ANSWER, unknown], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)
+    assert [answer.verdict for answer in answers] == [expected, "unexplained"]
+    assert answers[0].probability == probability
+    assert [sum(answer.probabilities.values()) for answer in answers] == [1.0, 1.0]
 
 
 @pytest.mark.parametrize(("absent", "expected"), [(1e-2, "no discrepancy"), (0.0, "unconfirmed")])

@@ -107,11 +107,14 @@ def test_few_bursts_may_be_chance(bursts, sure):
     log = read(less(3, 0.3 * when(np.arange(bursts) * 9.0 + 3.3, 0.4)))
     seen = linearise(ROBOT, [log], among=())
     (fault,) = at_times(seen, None, [], 100)
-    answer = answer_of(ROBOT, [log], seen, fault, None)
+    answer = answer_of(ROBOT, [log], seen, fault, None, ())
     windows = int(fault.hits[0].sum())
     assert answer.probability == pytest.approx(2.0**windows / (1 + 2.0**windows), abs=1e-3)
     assert answer.unnamed != sure
     assert len(answer.credible) == (1 if sure else 2)
+    for_another_reason = answer_of(ROBOT, [log], seen, fault, None, [f"wheel_{ROBOT.wheel_names[fault.row]}"])
+    assert for_another_reason.unnamed
+    assert for_another_reason.effect is None
 
 
 @cache
@@ -136,9 +139,9 @@ def test_held_out_logs_without_losses_do_not_confirm_them():
     seen, good = (linearise(robot, [log], among=()) for log in (driven(3, effect), driven(4)))
     events = Events(faulty=tuple(at_times(seen, None, [], 100)))
     _, confirmed = events.in_other_logs(robot, [driven(4)], good)
-    answers = events.answers(robot, [driven(3, effect)], seen, confirmed)
+    answers = events.answers(robot, [driven(3, effect)], seen, confirmed, ())
     (answer,) = judged(answers, [], (good, good), order_of(good, None), MATERIAL)
     assert isinstance(answer.effect, TickLossBursts)
     assert answer.verdict == "unconfirmed", answer.reason
-    (sure,) = judged(events.answers(robot, [driven(3, effect)], seen, [5.0]), [], None, None, MATERIAL)
+    (sure,) = judged(events.answers(robot, [driven(3, effect)], seen, [5.0], ()), [], None, None, MATERIAL)
     assert sure.verdict == "named", sure.reason
