@@ -34,6 +34,8 @@ REFERENCE = (
     ("ref_x and ref_y are in millimetres", "divide them by 1000", {"x": MM, "y": MM}),
     ("ref_x and ref_y are in centimetres", "divide them by 100", {"x": CM, "y": CM}),
     ("ref_psi is in degrees", "multiply it by pi/180", {"psi": DEGREES}),
+    ("ref_x and ref_y were in metres and are divided by 1000", "multiply them by 1000", {"x": 1 / MM, "y": 1 / MM}),
+    ("ref_psi was in radians and is multiplied by pi/180", "multiply it by 180/pi", {"psi": 1 / DEGREES}),
     ("ref_psi runs clockwise", "change its sign", {"psi": REVERSED}),
     (MIRROR, "change the signs of ref_y and ref_psi", {"y": REVERSED, "psi": REVERSED}),
     ("the reference is in millimetres and degrees", BOTH, {"x": MM, "y": MM, "psi": DEGREES}),

@@ -35,6 +35,8 @@ _MEANINGS = {
     -1.0: "turns against the wheels: change its sign",
     math.degrees(1.0): "is in deg/s: give rad/s",
     -math.degrees(1.0): "is in deg/s, and turns against the wheels: give rad/s, and change its sign",
+    math.radians(1.0): "was in rad/s and is multiplied by pi/180: multiply it by 180/pi",
+    -math.radians(1.0): "was in rad/s, is multiplied by pi/180, and turns against the wheels: multiply it by -180/pi",
 }
 
 _MISTAKES = tuple(words for scale, words in _MEANINGS.items() if scale != 1.0)

@@ -185,6 +185,8 @@ def test_pivot_counts_a_turn_that_are_wrong_by_a_factor_are_named(pivots, factor
         ((1000, 1000, 1), "ref_x and ref_y are in millimetres"),
         ((1, 1, 180 / np.pi), "ref_psi is in degrees"),
         ((1000, 1000, 180 / np.pi), "millimetres and degrees"),
+        ((1e-3, 1e-3, 1), "ref_x and ref_y were in metres"),
+        ((1, 1, np.pi / 180), "ref_psi was in radians"),
         ((1, 1, -1), "ref_psi runs clockwise"),
         ((1, -1, -1), "the reference is seen in a mirror"),
     ],

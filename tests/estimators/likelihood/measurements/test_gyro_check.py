@@ -33,6 +33,7 @@ def driven():
         (1.0, 0.3, "agrees with the wheels"),
         (-1.0, 0.02, "change its sign"),
         (180 / np.pi, 0.5, "is in deg/s: give rad/s"),
+        (np.pi / 180, 1e-3, "was in rad/s and is multiplied by pi/180"),
         (1.2, 0.0, "turns 1.2 times as much"),
     ],
 )
