@@ -86,10 +86,15 @@ def gaps_of(data: Data) -> list[str]:
     for log_set, of in GAPS:
         if data[of] is not None:
             before, after = data[of]
-            part = f"{PERCENT * after[0] / before[0]:.0f} %" if after is not None and before[0] > 0 else "all"
-            now = "" if after is None else f"; with {file} {off(after)}, {part} stays"
+            now = "" if after is None else f"; with {file} {off(after)}, {_parts(before, after)} stay"
             lines.append(f"odometry with predicted creep is off the reference{log_set} by {off(before)} (rms){now}")
     return lines
+
+
+def _parts(before: Sequence[float], after: Sequence[float]) -> str:
+    """Return the parts of a gap that stay, in position and in heading."""
+    parts = [f"{PERCENT * now / was:.0f} %" if was > 0 else "all" for was, now in zip(before, after, strict=True)]
+    return " and ".join(parts)
 
 
 def stays(data: Data) -> str:
