@@ -45,12 +45,15 @@ REFERENCE = (
 
 @dataclass(frozen=True, eq=False)
 class Hypothesis:
-    """A mistake. what: its name. reading: see above. remedy: what to do. effects: equivalent ones, if there are any."""
+    """A mistake. what: its name. reading: see above. remedy: what to do. effects: equivalent ones, if there are any.
+    gross: whether it is told here; false: it only competes, and what effects of the catalogue are there is looked for
+    later."""
 
     what: str
     reading: Array
     remedy: str
     effects: tuple[Effect, ...] = ()
+    gross: bool = True
 
 
 def reading_of(robot: RobotDescription, effects: Sequence[Effect]) -> Array:
@@ -119,6 +122,12 @@ class Table:
                 effects = tuple(dataclasses.replace(counts[k - self.pivots], value=factor - 1) for k in columns)
         what = f"the counts of {self.places[columns]} are {factor:.3g} times what {key} says"
         return Hypothesis(what, self.multiplied(columns, factor), remedy, effects)
+
+    def turned(self, pivot: int, angle: float) -> Hypothesis:
+        """Return that a pivot's zero, of the encoder in this column, is off by an angle, rad."""
+        castor = int(self._channels.sensed[pivot]) + 1
+        effect = PivotBias(castor=castor, value=angle)
+        return Hypothesis(f"zero of pivot_{castor}", reading_of(self._robot, [effect]), "", (effect,), gross=False)
 
     def _effects(self) -> Iterator[tuple[str, Sequence[Effect]]]:
         """Yield mistakes and the effects that make them: at one place, then the same at many, if there are any."""

@@ -21,6 +21,13 @@ ALIKE = math.log(2)
 GROSS, LARGEST = math.log(1.5), math.log(1e3)
 """Logarithms of factors of counts per turn: smaller ones are no gross mistake, larger ones are not tried."""
 
+FINE = GROSS / 2
+"""Step in which logarithms of factors, and angles of pivots in rad, are tried at first: fine enough for pivots, whose
+angles affect all rows."""
+
+MOST_TURNED = math.pi / 4
+"""rad: a zero that is off by more is nearer to a quarter turn, which is a gross mistake."""
+
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
@@ -40,7 +47,8 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
     """Return the log read as it is, the most likely candidate, which may be the same, and others about as likely.
 
     One mistake of wiring after another is added, until none makes the log likelier; two at least, as they may mask each
-    other, so that neither helps alone. Last come pivots' counts per turn, which take longest.
+    other, so that neither helps alone. Last come pivots' counts per turn, and small errors of their zeros, which take
+    longest; if such an error is about as likely as any mistake, none is returned.
     """
     table = Table(robot)
     nominal = Candidate((), table.nominal, likelihood.of(table.nominal))
@@ -73,10 +81,12 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
         level = extended([*likeliest, *masked], table.wiring)
     if best().misfit.cost > LOG_ODDS:
         extended([nominal], [_scaled(table, likelihood, of) for of in pivots])
+        extended([nominal], [_turned(table, likelihood, of[0]) for of in pivots if len(of) == 1])
     chosen = best()
-    if chosen is nominal and not nominal.misfit.turn:
-        return nominal, nominal, []
     near = [each for each in found.values() if each.mistakes and each.cost < chosen.cost + ALIKE]
+    small = any(not mistake.gross for each in near for mistake in each.mistakes)
+    if small or (chosen is nominal and not nominal.misfit.turn):
+        return nominal, nominal, []
     turned = bool(chosen.misfit.turn)
     return nominal, chosen, [each for each in near if each is not chosen and (turned or not each.misfit.turn)]
 
@@ -86,16 +96,27 @@ def _size(mistakes: Iterable[Hypothesis]) -> int:
     return sum(len(mistake.effects) or 1 for mistake in mistakes)
 
 
+def _turned(table: Table, likelihood: WiringLikelihood, pivot: int) -> Hypothesis:
+    """Return the likeliest small error of a pivot's zero."""
+
+    def cost(angle: float) -> float:
+        return likelihood.of(table.turned(pivot, angle).reading).cost
+
+    at = min(np.arange(-MOST_TURNED, MOST_TURNED, FINE).tolist(), key=cost)
+    bounds = np.clip([at - FINE, at + FINE], -MOST_TURNED, MOST_TURNED).tolist()
+    best: Any = minimize_scalar(cost, bounds=bounds, method="bounded")
+    return table.turned(pivot, float(best.x))
+
+
 def _scaled(table: Table, likelihood: WiringLikelihood, columns: tuple[int, ...]) -> Hypothesis:
     """Return the likeliest gross factor on the counts of these encoders, rounded where that is about as likely."""
 
     def cost(log_factor: float) -> float:
         return likelihood.of(table.multiplied(columns, math.exp(log_factor))).cost
 
-    step = GROSS / 2  # fine enough for pivots, whose angles affect all rows
-    tried = np.arange(-LARGEST, LARGEST, step)
+    tried = np.arange(-LARGEST, LARGEST, FINE)
     at = min(tried[np.abs(tried) > GROSS].tolist(), key=cost)
-    fine: Any = minimize_scalar(cost, bounds=(at - step, at + step), method="bounded")
+    fine: Any = minimize_scalar(cost, bounds=(at - FINE, at + FINE), method="bounded")
     best = math.exp(fine.x if abs(fine.x) >= GROSS else at)
     rounded = (float(f"{best:.{digits}g}") for digits in (1, 2))
     return table.scaled(columns, next((by for by in rounded if round(cost(math.log(by)) - fine.fun) == 0), best))

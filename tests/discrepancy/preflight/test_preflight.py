@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.catalogue import EFFECTS, catalogue, readings
-from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.effects.encoders import PivotGain
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
@@ -51,11 +51,11 @@ def motion(robot, duration=24.0):
     return roll(robot, path)
 
 
-def log_of(robot, *effects, poses=True):
+def log_of(robot, *effects, poses=True, rolled=None):
     """The log of a robot that was moved by hand: effects are in its readings alone."""
     real = robot.with_effects(*effects)
     true = real.as_built()
-    rolled = motion(true)
+    rolled = rolled or motion(true)
     wheel, castor = readings(real, rolled.t, rolled.wheel_angle, rolled.castor_angle)
     encoders = Encoders(Geometry.of(true), np.full(len(robot.driven_wheels), 0.4))
     reference = rolled.pose + np.random.default_rng(5).normal(size=rolled.pose.shape) * 1e-3
@@ -232,6 +232,13 @@ def test_a_way_that_is_turned_by_a_wrong_pivot_is_no_mistake(gain):
     robot = preset("1-castor")
     log = drive(robot.with_effects(PivotGain(castor=1, value=gain)), nearly_straight(), 4, duration=30.0)
     assert preflight(robot, [log]).mistakes == ()
+
+
+@pytest.mark.parametrize("castor", [1, 2, 3, 4])
+def test_a_module_that_is_toed_in_is_no_wrong_count(castor):
+    """Where a swerve's modules do not turn, a wrong count per turn is the same error of an angle."""
+    robot, effect = preset("swerve"), PivotBias(castor=castor, value=-0.25)
+    assert preflight(robot, [log_of(robot, effect, rolled=roll(robot, nearly_straight()))]).mistakes == ()
 
 
 def test_wiring_is_named_in_logs_of_robots_steered_by_wrong_readings():
