@@ -78,7 +78,8 @@ def _show(source: Path, robot: str | None) -> None:
     print(f"\n{MAP}: a map, guessed from names; check each line of it")
     for key, column in guessed.columns.items():
         given = shortened(", ".join(column.channels))
-        print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({column.unit})'}")
+        unit = column.unit if column.source == "main" else f"{column.unit}, source {column.source!r}"
+        print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
     print(f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {LOG}")
 
 

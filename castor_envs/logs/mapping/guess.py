@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
@@ -23,6 +24,9 @@ ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "e
 
 _IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
 """Joints of ROS and angles of WPILib's structs, whose units their definitions say."""
+
+RECEIVED = "received"
+"""Source of channels of ROS whose messages have no time in a header, but that of their receipt."""
 
 ENOUGH = 3
 """Score from which a channel is taken: a side or a number, and a word, speak for it."""
@@ -50,7 +54,11 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     if columns.reference[0] not in guessed:
         guessed |= _reference(columns.reference, free)
     ordered = {key: guessed[key] for part in columns for key in part if key in guessed}
-    return ChannelMap(columns=ordered, sources={"main": Source(time=clock.time, unit=clock.unit, period=clock.period)})
+    sources = {"main": Source(time=clock.time, unit=clock.unit, period=clock.period)}
+    for key, column in ordered.items():
+        if any(name in found and not found[name].stamped for name in column.channels):
+            sources[RECEIVED], ordered[key] = Source(time="receive"), replace(column, source=RECEIVED)
+    return ChannelMap(columns=ordered, sources=sources)
 
 
 def _log_units(columns: LogColumns) -> dict[str, str]:

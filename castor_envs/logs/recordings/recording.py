@@ -15,11 +15,15 @@ UNITS: dict[TimeUnit, float] = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0}
 
 
 class Reading(NamedTuple):
-    """One number: the channel it belongs to, when it was taken (ns), and its value, NaN where there was none."""
+    """One number: the channel it belongs to, when it was taken (ns), and its value, NaN where there was none.
+
+    stamped: False where a survey shows a time of another clock than asked for, since the reading has none by that.
+    """
 
     channel: str
     time: int
     value: float
+    stamped: bool = True
 
 
 @dataclass(frozen=True)
@@ -99,7 +103,10 @@ class Series:
 
 @dataclass
 class Found:
-    """What a channel holds: how many readings, from when to when (ns), of which values, only whole ones or not."""
+    """What a channel holds: how many readings, from when to when (ns), of which values, only whole ones or not.
+
+    stamped: whether all readings have a time by the clock that was asked for.
+    """
 
     count: int = 0
     start: int = 0
@@ -107,6 +114,7 @@ class Found:
     low: float = math.inf
     high: float = -math.inf
     whole: bool = True
+    stamped: bool = True
 
     def add(self, reading: Reading) -> None:
         """Take a reading."""
@@ -117,6 +125,7 @@ class Found:
         self.count += 1
         self.low, self.high = min(self.low, reading.value), max(self.high, reading.value)
         self.whole = self.whole and reading.value.is_integer()
+        self.stamped = self.stamped and reading.stamped
 
     @property
     def rate(self) -> float:

@@ -65,17 +65,13 @@ class Bag:
                 name = f"{topic} {path}"
                 if channels is not None and name not in channels:
                     continue
-                if clock.time == "receive":
-                    time = received
-                elif not time:
-                    if channels is None:
-                        time = received
-                    else:
-                        raise InputError(
-                            f"{self._path}: {topic} has messages without a time in their header; give these channels a "
-                            'source of their own with "time": "receive"'
-                        )
-                yield Reading(name, time, value)
+                stamped = clock.time == "receive" or time != 0
+                if not stamped and channels is not None:
+                    raise InputError(
+                        f"{self._path}: {topic} has messages without a time in their header; give these channels a "
+                        'source of their own with "time": "receive"'
+                    )
+                yield Reading(name, time if stamped and clock.time == "header" else received, value, stamped)
 
     def _messages(self, topics: set[str] | None) -> Iterator[tuple[str, int, Any]]:
         """Yield topic, time of receipt (ns) and message; of types that the bag does not describe, none."""

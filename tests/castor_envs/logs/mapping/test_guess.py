@@ -1,9 +1,12 @@
 """A first map, guessed from names as they are found in the field; what no name speaks for is left open."""
 
+import numpy as np
 import pytest
 
+from castor_envs.logs import import_log
 from castor_envs.logs.mapping.guess import guess_map
-from castor_envs.logs.recordings.recording import Clock, Found
+from castor_envs.logs.recordings import open_recording
+from castor_envs.logs.recordings.recording import Clock, Found, survey
 from castor_envs.vehicles.presets import preset
 
 
@@ -78,3 +81,21 @@ def test_a_trackers_pose_is_the_reference_and_odometrys_is_not():
 
 def test_what_nothing_speaks_for_is_left_open():
     assert guessed("differential", "a", "b") == {"wheel_1l": ("?", "rad"), "wheel_1r": ("?", "rad")}
+
+
+def test_the_first_map_of_ticks_without_a_header_imports_as_it_is(tmp_path, bag_writer):
+    """The bag's clock is 7 ms ahead of the stamps: counts have the times of receipt, the gyro those of its header."""
+    with bag_writer(tmp_path / "bag", "mcap") as w:
+        for k in range(101):
+            t = 1_700_000_000.0 + 0.02 * k
+            w.put("/left_ticks", "std_msgs/Int32", t, 10 * k)
+            w.put("/right_ticks", "std_msgs/Int32", t, 12 * k)
+            rate, none = w.make("geometry_msgs/Vector3", 0.0, 0.0, 0.02 * k - 0.007), np.zeros(9)
+            w.put("/imu", "sensor_msgs/Imu", t, w.header(t - 0.007), w.quaternion(0), none, rate, none, rate, none)
+    bag, robot = open_recording(tmp_path / "bag"), preset("differential")
+    first = guess_map(survey(bag, bag.clock()), bag.clock(), robot)
+    assert [first.sources[first.columns[key].source].time for key in ("wheel_1l", "gyro_z")] == ["receive", "header"]
+    log = import_log(tmp_path / "bag", robot, first).log
+    np.testing.assert_array_equal(np.diff(log.wheel, axis=0), np.tile([10, 12], (len(log) - 1, 1)))
+    assert log.gyro is not None
+    np.testing.assert_allclose(log.gyro, 0.02 * log.wheel[:, 0] / 10, atol=1e-6)  # by stamp, the rate is the time
