@@ -34,7 +34,7 @@ class Track:
     def of(cls, where: str, times: Numbers, values: Numbers, held: bool) -> tuple[Self, int]:
         """Return the track of readings at times, ns since the log's first row, and how many repeated a time, left out.
 
-        Raises InputError for a clock that goes back.
+        Raises InputError for a clock that goes back, or stands still in most readings.
         """
         steps = np.diff(times)
         for k in np.flatnonzero(steps < 0)[:1]:
@@ -43,6 +43,11 @@ class Track:
                 "cut the recording there"
             )
         new = np.append(True, steps > 0)
+        if 2 * np.sum(~new) > len(new):
+            raise InputError(
+                f"{where}: {np.sum(~new)} of {len(new)} readings repeat a time: the clock is too coarse, or not "
+                "theirs; give the source another 'time'"
+            )
         return cls(where, times[new] / 1e9, values[new], held), int(np.sum(~new))
 
     def scaled(self, factor: float) -> Self:

@@ -3,7 +3,8 @@
 The header is the line before the first row of numbers; lines above it are left alone. A name that stands twice gets its
 place (``X``, ``X #2``), a column without a name too (``#3``). Cells are separated by commas, semicolons or tabs,
 whichever gives the most of them, or else by blanks. Between semicolons or tabs a number may have a decimal comma. A
-blank cell is no reading, so one file may hold several rates.
+blank cell is no reading, so one file may hold several rates. Times are numbers, dates as ISO 8601 writes them (UTC
+where they name no zone), or whole seconds and nanoseconds in two columns, as of ROS: ``stamp.sec + stamp.nanosec``.
 """
 
 import csv
@@ -11,6 +12,7 @@ import itertools
 import math
 import re
 from collections.abc import Generator, Iterator
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import TextIO
 
@@ -25,6 +27,12 @@ HEAD = 100
 """Lines in which the first row of numbers must come."""
 
 _TIME = re.compile(r"(?:.*[\s_./])?(?:t|time|times|timestamp|stamp|secs?|seconds)(?:[\s_\[(].*)?", re.IGNORECASE)
+_SECONDS = re.compile(r"(.*[\s_./])?secs?", re.IGNORECASE)
+_NANOSECONDS = re.compile(r"(.*[\s_./])?n(?:ano)?secs?", re.IGNORECASE)
+PLUS = " + "
+"""Between the names of the columns of seconds and of nanoseconds that are one clock."""
+
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_IN_NAME: dict[TimeUnit, str] = {
     "ns": r"(^|[\s_\[(])(ns|nsecs?|nanosecs?|nanoseconds)\b",
@@ -40,6 +48,17 @@ def is_number(cell: str) -> bool:
     except ValueError:
         return False
     return "_" not in cell
+
+
+def date(cell: str) -> int | None:
+    """Return a date as ISO 8601 writes it as ns since 1970, to the microsecond, UTC where it names no zone; or None."""
+    if not (cell[:4].isdigit() and cell[4:5] == "-"):
+        return None
+    try:
+        read = datetime.fromisoformat(cell)
+    except ValueError:
+        return None
+    return (read.replace(tzinfo=read.tzinfo or UTC) - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
 def first_row(path: Path) -> list[str] | None:
@@ -71,31 +90,38 @@ class Table:
         self._delimiter, self._names, self._header = self._layout(head)
 
     def clock(self) -> Clock:
-        """Return the first column that is called like a time and its unit; of none, one row a second."""
-        column = next((name for name in self._names if _TIME.fullmatch(name)), None)
-        if column is None:
+        """Return the first column that is called like a time, or holds dates, and its unit; of none, one row a second.
+
+        Of seconds beside nanoseconds, both.
+        """
+        rows = [line.cells for line in itertools.islice(self._lines(), 1000)]
+        named = next((k for k, name in enumerate(self._names) if _TIME.fullmatch(name)), None)
+        dated = (k for k in range(len(self._names)) if any(date(cells[k]) is not None for cells in rows))
+        at = next(dated, None) if named is None else named
+        if at is None:
             return Clock(period=1.0)
-        times = [
-            float(line.cells[self._names.index(column)])
-            for line in itertools.islice(self._lines(), 1000)
-            if is_number(line.cells[self._names.index(column)])
-        ]
-        return Clock(column, _unit(column, np.array(times)))
+        column, seconds = self._names[at], _SECONDS.fullmatch(self._names[at])
+        for name in self._names if seconds else ():
+            rest = _NANOSECONDS.fullmatch(name)
+            if rest and rest[1] == seconds[1]:
+                return Clock(column + PLUS + name)
+        return Clock(column, _unit(column, np.array([float(cells[at]) for cells in rows if is_number(cells[at])])))
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
         if clock.time is None and clock.period is None:
             raise InputError(f'{self._path}: no column is known to be the time; give it as "time", or a "period"')
-        if clock.time is not None and clock.time not in self._names:
-            raise InputError(f"{self._path}: has no column {clock.time!r}{did_you_mean(clock.time, self._names)}")
-        at = None if clock.time is None else self._names.index(clock.time)
-        taken = [(k, name) for k, name in enumerate(self._names) if k != at and (channels is None or name in channels)]
+        by = [] if clock.time is None else [clock.time] if clock.time in self._names else clock.time.split(PLUS, 1)
+        for name in by:
+            if name not in self._names:
+                raise InputError(f"{self._path}: has no column {name!r}{did_you_mean(name, self._names)}")
+        units: tuple[TimeUnit, ...] = (clock.unit, "ns")
+        parts = [(self._names.index(name), unit) for name, unit in zip(by, units, strict=False)]
+        taken = [(k, n) for k, n in enumerate(self._names) if n not in by and (channels is None or n in channels)]
         for row, line in enumerate(self._lines()):
-            if at is None:
+            time = sum(self._time(line, k, unit) for k, unit in parts)
+            if not parts:
                 time = round(row * (clock.period or 0.0) * 1e9)
-            else:
-                value = number(self._path, line.number, self._names[at], line.cells[at])
-                time = nanoseconds(value, clock.unit, f"{self._path}:{line.number}")
             for k, name in taken:
                 cell = line.cells[k].strip()
                 if not cell:
@@ -104,6 +130,13 @@ class Table:
                     yield Reading(name, time, float(cell))
                 elif channels is not None:
                     raise complaint(self._path, line.number, name, f"{cell!r} is not a number; mend or blank it")
+
+    def _time(self, line: Line, at: int, unit: TimeUnit) -> int:
+        """Return the time, ns, in a cell of a line."""
+        cell = line.cells[at]
+        if not is_number(cell) and (read := date(cell)) is not None:
+            return read
+        return nanoseconds(number(self._path, line.number, self._names[at], cell), unit, f"{self._path}:{line.number}")
 
     def _text(self) -> TextIO:
         try:
@@ -119,7 +152,7 @@ class Table:
             first = next((k for k, cells in enumerate(rows) if _is_row(cells)), None)
             if first is None:
                 continue
-            fits = sum(is_number(cell) or not cell for cell in rows[first]) / len(rows[first]), len(rows[first])
+            fits = sum(_is_read(cell) or not cell for cell in rows[first]) / len(rows[first]), len(rows[first])
             if best is None or (delimiter != " " and fits > best[0]):
                 above = [cells for cells in rows[:first] if any(cells)]
                 names = above[-1] if above and len(above[-1]) == len(rows[first]) else [""] * len(rows[first])
@@ -161,9 +194,13 @@ class Table:
 
 
 def _is_row(cells: list[str]) -> bool:
-    """Return whether most cells are numbers."""
+    """Return whether most cells are numbers or dates."""
     given = [cell for cell in cells if cell]
-    return len(given) > 1 and sum(map(is_number, given)) > len(given) / 2
+    return len(given) > 1 and sum(map(_is_read, given)) > len(given) / 2
+
+
+def _is_read(cell: str) -> bool:
+    return is_number(cell) or date(cell) is not None
 
 
 def _distinct(names: list[str]) -> list[str]:

@@ -343,6 +343,7 @@ def test_a_map_that_is_no_map_is_refused(data, words):
     ("change", "words"),
     [
         ({"t": np.where(np.arange(101) == 40, 0.0, T)}, ["columns.", "the clock goes back by 0.78 s at reading 41"]),
+        ({"t": np.floor(T)}, ["columns.", "98 of 101 readings repeat a time", "another 'time'"]),
         ({"yaw": np.degrees(T)}, ["columns.ref_psi", "turns at 57.3 rad/s", "unit 'rad' right"]),
         ({"yaw": np.degrees(np.angle(np.exp(2.9j + 0.5j * T)))}, ["heading steps by 359 rad after", "'rad' right"]),
         ({"wheel_1r": np.full(101, np.nan)}, ["columns.wheel_1r", "no readings of 'wheel_1r'"]),

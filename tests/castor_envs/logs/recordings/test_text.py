@@ -37,12 +37,25 @@ def read(path, channel, clock=None):
         "title\n,\ntime_us,left\n0,1\n\n500000,2\n",
         "time (ms);left\n0,0;1,0\n500,0;2,00e0\n",
         "t\tleft\tright\n0,0\t1,0\t0\n0,5\t2,0\t0\n",
+        "timestamp,left\n2024-05-01T12:00:00.250Z,1\n2024-05-01T12:00:00.750Z,2\n",
+        "left;datetime\n1,0;2024-05-01 23:59:59,75\n2,0;2024-05-02 00:00:00,25\n",
+        "mode,date,left\nAUTO,2024-05-01T13:00:00+01:00,1\nAUTO,2024-05-01T12:00:00.5+00:00,2\n",
+        "header.stamp.sec,header.stamp.nanosec,left\n1700000000,900000000,1\n1700000001,400000000,2\n",
+        "left,field.header.stamp.secs,field.header.stamp.nsecs\n1,7,900000000\n2,8,400000000\n",
+        "sec,nanosec,left\n1,900000000,1\n2,400000000,2\n",
     ],
 )
 def test_delimiter_header_and_time_are_found(tmp_path, text):
     (start, first), (end, second) = read(written(tmp_path, text), "left")
     assert (first, second) == (1.0, 2.0)
     assert end - start == pytest.approx(0.5, abs=1e-6)
+
+
+def test_dates_are_seconds_since_1970(tmp_path):
+    """11017.5 days after it; without a zone as in UTC."""
+    for day in ("2000-03-01T12:00:00", "2000-03-01T12:00:00Z", "2000-03-01T14:00:00+02:00"):
+        path = written(tmp_path, f"timestamp,left\n{day},1\n2000-03-01T15:00:00Z,2\n")
+        assert read(path, "left")[0] == (11017.5 * 86400, 1.0)
 
 
 def test_text_of_another_coding_and_cells_without_end_are_named(tmp_path):
@@ -84,6 +97,8 @@ def test_rows_without_times_need_a_period(tmp_path):
         ("t,left\n0,1\n1,2,3\n", Clock("t"), [":3:", "3 cells"]),
         ("t,left\n0,1\nx,2\n", Clock("t"), [":3:", "'t'", "'x'"]),
         ("t,left\n0,1\n1e300,2\n", Clock("t"), [":3", "is no time"]),
+        ("t,left\n2024-05-01T12:00:00,1\n2024-05-32T12:00:00,2\n", Clock("t"), [":3:", "'t'", "2024-05-32T12:00:00"]),
+        ("sec,left\n0,1\n1,2\n", Clock("sec + nanosec"), ["no column 'nanosec'"]),
         ("t,left\n0,1\n", Clock("tt"), ["no column 'tt'", "did you mean 't'"]),
         ("name,place\nA,B\n", Clock("t"), ["no row of numbers"]),
         ("", Clock("t"), ["no row of numbers"]),
