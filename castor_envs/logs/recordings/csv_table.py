@@ -100,11 +100,11 @@ class Table:
         at = next(dated, None) if named is None else named
         if at is None:
             return Clock(period=1.0)
-        column, seconds = self._names[at], _SECONDS.fullmatch(self._names[at])
-        for name in self._names if seconds else ():
-            rest = _NANOSECONDS.fullmatch(name)
-            if rest and rest[1] == seconds[1]:
-                return Clock(column + PLUS + name)
+        column = self._names[at]
+        if seconds := _SECONDS.fullmatch(column):
+            for rest in filter(None, map(_NANOSECONDS.fullmatch, self._names)):
+                if rest[1] == seconds[1]:
+                    return Clock(column + PLUS + rest[0])
         return Clock(column, _unit(column, np.array([float(cells[at]) for cells in rows if is_number(cells[at])])))
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
@@ -115,8 +115,9 @@ class Table:
         for name in by:
             if name not in self._names:
                 raise InputError(f"{self._path}: has no column {name!r}{did_you_mean(name, self._names)}")
-        units: tuple[TimeUnit, ...] = (clock.unit, "ns")
-        parts = [(self._names.index(name), unit) for name, unit in zip(by, units, strict=False)]
+        parts: list[tuple[int, TimeUnit]] = [
+            (self._names.index(n), "ns" if k else clock.unit) for k, n in enumerate(by)
+        ]
         taken = [(k, n) for k, n in enumerate(self._names) if n not in by and (channels is None or n in channels)]
         for row, line in enumerate(self._lines()):
             time = sum(self._time(line, k, unit) for k, unit in parts)
