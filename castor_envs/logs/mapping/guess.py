@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
+from castor_envs.logs.mapping.units import LENGTHS
 from castor_envs.logs.recordings.recording import Clock, Found
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -13,14 +14,23 @@ LEFT, RIGHT = {"left", "l", "fl", "rl", "bl"}, {"right", "r", "fr", "rr", "br"}
 HEADING = {"heading", "psi", "yaw", "theta", "phi"}
 WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
 PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
+COUNTED = {"tick", "ticks", "count", "counts"}
 COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
-SPEED = {"velocity", "vel", "speed", "rpm"}
+SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm"}
 RATE = SPEED | {"rate", "omega", "dps", "per", "s", "sec"}
 UNITS = {"rad", "deg", "rev", "m", "s"}
 NEVER = {"effort", "torque", "current", "voltage", "volts", "temperature", "covariance", "heading"}
 TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "tracker", "ref", "reference", "opti"}
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
 """Words of poses that are estimates, which are no reference."""
+
+_PER_SECOND = re.compile(
+    r"(deg|rad|rev|rot|tick|count|m)(s|rees|ians|ations|eters|etres)?[ _]?(/|_|per)[ _]?s(ec)?(?![a-z\d])"
+)
+"""A unit of speed in a name, such as ``deg/s``, ``m_s`` and ``ticks per sec``."""
+
+_MOTOR = re.compile(r"(?<![A-Za-z])[mM]\d")
+"""A motor's name, such as ``M1``, whose letter is no unit."""
 
 _IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
 """Joints of ROS and angles of WPILib's structs, whose units their definitions say."""
@@ -41,12 +51,13 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
         for key in (key for key in names if key not in guessed):
             channel = _best(key, free, words, robot)
-            speed = bool(SPEED & words_of(channel))
-            guessed[key] = Column(channel=channel, unit=_angle_unit(channel, found, "/s" if speed else ""))
+            speed = bool(SPEED & words_of(channel) or _PER_SECOND.search(channel.lower()))
+            unit = _angle_unit(channel, found, "/s" if speed else "")
+            guessed[key] = Column(channel=channel, unit=unit, scale=_length(channel) if unit[0] == "m" else 1.0)
             free.pop(channel, None)
     commanded = {key: _best(key, free, COMMANDED, robot) for key in columns.command if key not in guessed}
     if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
-        guessed |= {key: Column(channel=name, unit=_rate_unit(name)) for key, name in commanded.items()}
+        guessed |= {key: Column(channel=name, unit=_rate_unit(name, found)) for key, name in commanded.items()}
     gyros = sorted((name for name in free if _is_gyro(name)), key=_is_angle)  # rates first
     if gyros and columns.gyro[0] not in guessed:
         unit = ("deg" if _degrees(gyros[0]) else "rad") + ("" if _is_angle(gyros[0]) else "/s")
@@ -84,9 +95,12 @@ def _score(key: str, name: str, words: set[str], robot: RobotDescription) -> int
     given = words_of(name)
     if given & NEVER or (words is not COMMANDED and given & COMMANDED) or _is_gyro(name):
         return 0
+    if words is PIVOT and (given & SPEED or _PER_SECOND.search(name.lower())):  # a pivot's angle is needed
+        return 0
     match = re.search(r"(\d+)([lr])?$", key)
     number, side = (match[1], match[2]) if match else ("", None)
-    score = 2 if given & words or (words is WHEEL and given <= LEFT | RIGHT | SPEED | UNITS) else 0
+    of_wheel = words is WHEEL and (given <= LEFT | RIGHT | SPEED | UNITS or name.endswith(".speed"))
+    score = 2 if given & words or of_wheel else 0
     if words is WHEEL:
         score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0
         score -= 3 if "angle" in given else 0
@@ -126,26 +140,37 @@ def _degrees(name: str) -> bool:
 
 
 def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
-    """Return the unit that a channel's name says, or its numbers: whole ones are counts."""
+    """Return the unit that a channel's format or name states, or what it holds suggests, or its numbers: whole ones are
+    counts."""
     if _IN_RADIANS.search(channel):
         return "rad" + per
-    given = words_of(channel)
+    if channel.endswith(".speed") and channel.removesuffix("speed") + "angle" in found:  # WPILib's SwerveModuleState
+        return "m/s"
+    given = words_of(channel) - ({"m"} if _MOTOR.search(channel) else set())
     for unit, words in (
         ("rpm", {"rpm"}),
-        ("m", {"m", "meters", "metres", "distance"}),
-        ("counts", {"tick", "ticks", "count", "counts", "enc", "encoder", "encoders"}),
-        ("deg", {"deg", "degrees", "degree"}),
+        ("counts", COUNTED),
+        ("deg", {"deg", "degs", "degrees", "degree", "dps"}),
         ("rev", {"rev", "revs", "rot", "rotations", "turns"}),
-        ("rad", {"rad", "radians"}),
+        ("rad", {"rad", "rads", "radians"}),
+        ("m", {"m", "mps", "meters", "metres", "mm", "cm"}),
+        ("m", {"distance"}),
+        ("counts", {"enc", "encoder", "encoders"}),
     ):
         if given & words:
             return unit if unit == "rpm" else unit + per
     return ("counts" if channel in found and found[channel].whole else "rad") + per
 
 
-def _rate_unit(name: str) -> str:
-    given = words_of(name)
-    return "rpm" if "rpm" in given else "deg/s" if _degrees(name) else "rad/s"
+def _length(name: str) -> float:
+    """Return how many metres the unit of length in a name is, 1 without one."""
+    return next((metres for unit, metres in LENGTHS.items() if unit in words_of(name)), 1.0)
+
+
+def _rate_unit(name: str, found: Mapping[str, Found]) -> str:
+    """Return the unit of a command: what its name states, or else rad/s."""
+    unit = _angle_unit(name, found, "/s")
+    return unit if unit != "counts/s" or COUNTED & words_of(name) else "rad/s"
 
 
 def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, Column]:
@@ -155,7 +180,7 @@ def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, 
         given = words_of(channel)
         part = next((part for part in ("x", "y", "heading") if part in given), "heading" if given & HEADING else None)
         if part is not None:
-            poses.setdefault(frozenset(given - {"x", "y", "m", "mm", "rad", "deg", *HEADING}), {})[part] = channel
+            poses.setdefault(frozenset(given - {"x", "y", *LENGTHS, "rad", "deg", *HEADING}), {})[part] = channel
     whole = {words: parts for words, parts in poses.items() if {"x", "y", "heading"} <= set(parts)}
     fitting = [words for words in whole if not words & (ESTIMATED | COMMANDED) or words & TRUSTED]
     if not fitting:
@@ -163,7 +188,8 @@ def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, 
     chosen = whole[max(fitting, key=lambda words: bool(words & TRUSTED))]
     heading = found[chosen["heading"]]
     angle = "deg" if _degrees(chosen["heading"]) or max(abs(heading.low), abs(heading.high)) > 100 else "rad"
-    units = ["mm" if "mm" in words_of(chosen[part]) else "m" for part in ("x", "y")] + [angle]
+    lengths = [words_of(chosen[part]) for part in ("x", "y")]
+    units = [next((unit for unit in LENGTHS if unit in given), "m") for given in lengths] + [angle]
     return {
         key: Column(channel=chosen[part], unit=unit)
         for key, part, unit in zip(names, ("x", "y", "heading"), units, strict=True)

@@ -30,12 +30,35 @@ def guessed(robot, *channels, whole=False):
         ("NT:/drive/leftPosition_m", "NT:/drive/rightPosition_m", "m"),
         ("wheel speed left [rpm]", "wheel speed right [rpm]", "rpm"),
         ("wheel_1l", "wheel_1r", "counts"),
+        ("Encoder Left [deg]", "Encoder Right [deg]", "deg"),
+        ("left_encoder_rad", "right_encoder_rad", "rad"),
+        ("Encoder Left [deg/s]", "Encoder Right [deg/s]", "deg/s"),
+        ("left_ticks_per_s", "right_ticks_per_s", "counts/s"),
+        ("left wheel (m/s)", "right wheel (m/s)", "m/s"),
+        ("M1 encoder left", "M2 encoder right", "counts"),
     ],
 )
 def test_wheels_are_found_by_their_side(left, right, unit):
     others = ("/joint_states effort[left_wheel]", "left_motor_current", "cmd_left", "battery", "/odom pose.pose.x")
     found = guessed("differential", right, left, *others)
     assert (found["wheel_1l"], found["wheel_1r"]) == ((left, unit), (right, unit))
+
+
+def test_millimetres_of_a_wheel_are_metres_by_the_scale():
+    found = {name: Found(count=10, whole=True) for name in ("left wheel [mm]", "right wheel [mm]")}
+    column = guess_map(found, Clock("t"), preset("differential")).columns["wheel_1r"]
+    assert (column.channel, column.unit, column.scale) == ("right wheel [mm]", "m", 0.001)
+
+
+def test_states_of_wpilibs_modules_are_metres_a_second_and_radians():
+    """By the definition of SwerveModuleState; measured ones are wheels, desired ones are none."""
+    names = [
+        f"NT:/{what}[{k}].{part}" for what in ("desired", "measured") for k in range(4) for part in ("speed", "angle")
+    ]
+    found = guessed("swerve", *names)
+    for k in range(4):
+        assert found[f"wheel_{k + 1}"] == (f"NT:/measured[{k}].speed", "m/s")
+        assert found[f"pivot_{k + 1}"] == (f"NT:/measured[{k}].angle", "rad")
 
 
 def test_positions_go_before_speeds():
