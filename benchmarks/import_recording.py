@@ -8,6 +8,7 @@ from castor_envs.files import writing
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
 from castor_envs.logs.importers import import_sessions, importers
 from castor_envs.logs.mapping.channel_map import UNDECIDED
+from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.recordings import formats, recognised
 from castor_envs.logs.recordings.recording import Clock, Found
 from castor_envs.vehicles.load import load_robot
@@ -80,6 +81,8 @@ def _show(source: Path, robot: str | None) -> None:
         given = shortened(", ".join(column.channels))
         unit = column.unit if column.source == "main" else f"{column.unit}, source {column.source!r}"
         print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
+    if remark := Places(described).remark(guessed):
+        print(f"note: {remark}")
     print(f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {LOG}")
 
 

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
+from castor_envs.logs.mapping.places import SAID, Places, words_of
 from castor_envs.logs.mapping.units import LENGTHS
 from castor_envs.logs.recordings.recording import Clock, Found
 from castor_envs.vehicles.robot import RobotDescription
 
-LEFT, RIGHT = {"left", "l", "fl", "rl", "bl"}, {"right", "r", "fr", "rr", "br"}
 HEADING = {"heading", "psi", "yaw", "theta", "phi"}
 WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
 PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
@@ -45,17 +45,17 @@ ENOUGH = 3
 def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription) -> ChannelMap:
     """Return a map of all columns that a robot's log needs, `UNDECIDED` where no channel's name fits, and of those that
     it may have where one does."""
-    columns, free = LogColumns.of(robot), dict(found)
+    columns, free, places = LogColumns.of(robot), dict(found), Places(robot)
     guessed = {key: Column(channel=key, unit=unit) for key, unit in _log_units(columns).items() if key in free}
     free = {name: channel for name, channel in free.items() if name not in guessed}
     for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
         for key in (key for key in names if key not in guessed):
-            channel = _best(key, free, words, robot)
+            channel = _best(key, free, words, places)
             speed = bool(SPEED & words_of(channel) or _PER_SECOND.search(channel.lower()))
             unit = _angle_unit(channel, found, "/s" if speed else "")
             guessed[key] = Column(channel=channel, unit=unit, scale=_length(channel) if unit[0] == "m" else 1.0)
             free.pop(channel, None)
-    commanded = {key: _best(key, free, COMMANDED, robot) for key in columns.command if key not in guessed}
+    commanded = {key: _best(key, free, COMMANDED, places) for key in columns.command if key not in guessed}
     if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
         guessed |= {key: Column(channel=name, unit=_rate_unit(name, found)) for key, name in commanded.items()}
     gyros = sorted((name for name in free if _is_gyro(name)), key=_is_angle)  # rates first
@@ -79,19 +79,14 @@ def _log_units(columns: LogColumns) -> dict[str, str]:
     return named | dict(zip(columns.reference, ("m", "m", "rad"), strict=True))
 
 
-def words_of(name: str) -> set[str]:
-    """Return the words and numbers in a name, in lower case; ``leftWheel_2`` has left, wheel and 2."""
-    return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)}
-
-
-def _best(key: str, free: Iterable[str], words: set[str], robot: RobotDescription) -> str:
+def _best(key: str, free: Iterable[str], words: set[str], places: Places) -> str:
     """Return the channel whose name speaks best for a column, `UNDECIDED` where none does."""
-    scored = [(_score(key, name, words, robot), name) for name in free]
+    scored = [(_score(key, name, words, places), name) for name in free]
     best = max((score for score, _ in scored), default=0)
     return next(name for score, name in scored if score == best) if best >= ENOUGH else UNDECIDED
 
 
-def _score(key: str, name: str, words: set[str], robot: RobotDescription) -> int:
+def _score(key: str, name: str, words: set[str], places: Places) -> int:
     given = words_of(name)
     if given & NEVER or (words is not COMMANDED and given & COMMANDED) or _is_gyro(name):
         return 0
@@ -99,7 +94,7 @@ def _score(key: str, name: str, words: set[str], robot: RobotDescription) -> int
         return 0
     match = re.search(r"(\d+)([lr])?$", key)
     number, side = (match[1], match[2]) if match else ("", None)
-    of_wheel = words is WHEEL and (given <= LEFT | RIGHT | SPEED | UNITS or name.endswith(".speed"))
+    of_wheel = words is WHEEL and (given <= SAID | SPEED | UNITS or name.endswith(".speed"))
     score = 2 if given & words or of_wheel else 0
     if words is WHEEL:
         score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0
@@ -111,11 +106,8 @@ def _score(key: str, name: str, words: set[str], robot: RobotDescription) -> int
         score += 1 if not given & SPEED else -1
     if score <= 0:
         return 0
-    if side is not None:
-        own, other = (LEFT, RIGHT) if side == "l" else (RIGHT, LEFT)
-        score += 2 if given & own else 0
-        score -= 4 if given & other else 0
-    if len(robot.castors) > 1 or side is None:
+    score += places.agreement(key, name)
+    if not places.says_castor(name) and (len(places.castors) > 1 or side is None):
         numbers = [word for word in given if word.isdigit()]
         zero_based = bool(re.search(r"\[\d+\]", name))
         wanted = str(int(number) - 1) if zero_based else number

@@ -5,6 +5,7 @@ import pytest
 
 from castor_envs.logs import import_log
 from castor_envs.logs.mapping.guess import guess_map
+from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.recordings import open_recording
 from castor_envs.logs.recordings.recording import Clock, Found, survey
 from castor_envs.vehicles.presets import preset
@@ -59,6 +60,51 @@ def test_states_of_wpilibs_modules_are_metres_a_second_and_radians():
     for k in range(4):
         assert found[f"wheel_{k + 1}"] == (f"NT:/measured[{k}].speed", "m/s")
         assert found[f"pivot_{k + 1}"] == (f"NT:/measured[{k}].angle", "rad")
+
+
+SWERVE = {"front left": 1, "rear left": 2, "rear right": 3, "front right": 4}
+"""The castors of the preset swerve by their places, of which two are at x > 0 and two at y > 0."""
+
+
+@pytest.mark.parametrize(
+    ("wheel", "pivot", "places"),
+    [
+        ("{} drive position", "{} steer angle", ("front left", "front right", "rear left", "rear right")),
+        ("{}_wheel_pos_position", "{}_azimuth", ("FL", "FR", "RL", "RR")),
+        ("NT:/{}/distance", "NT:/{}/angle", ("FrontLeft", "FrontRight", "BackLeft", "BackRight")),
+        ("/js position[{}_wheel]", "/js position[{}_steer]", ("lf", "rf", "lb", "rb")),
+    ],
+)
+def test_castors_are_found_by_their_places_in_any_order(wheel, pivot, places):
+    found = guessed("swerve", *(text.format(place) for place in places for text in (wheel, pivot)))
+    order = ("front left", "front right", "rear left", "rear right")
+    for place, name in zip(order, places, strict=True):
+        assert found[f"wheel_{SWERVE[place]}"][0] == wheel.format(name)
+        assert found[f"pivot_{SWERVE[place]}"][0] == pivot.format(name)
+
+
+def test_places_are_those_of_the_robot_file():
+    """Wheels of two castors one behind the other; wheels on a triangle, whose rear one is neither left nor right."""
+    found = guessed("2-castor", "rl encoder", "fr encoder", "rr encoder", "fl encoder")
+    assert {key: name for key, (name, _) in found.items() if name != "?"} == {
+        "wheel_1l": "fl encoder", "wheel_1r": "fr encoder", "wheel_2l": "rl encoder", "wheel_2r": "rr encoder",
+    }  # fmt: skip
+    found = guessed("omni3", "rear wheel", "left wheel", "right wheel")
+    assert [found[f"wheel_{k}"][0] for k in (1, 2, 3)] == ["right wheel", "left wheel", "rear wheel"]
+
+
+def test_an_order_that_no_name_says_is_remarked_upon():
+    robot = preset("swerve")
+
+    def remark(*names):
+        found = {name: Found(count=10) for name in names}
+        return Places(robot).remark(guess_map(found, Clock(), robot))
+
+    said = remark(*(f"NT:/modules[{k}].{part}" for k in range(4) for part in ("distance", "angle")))
+    assert said is not None
+    assert "front left, rear left, rear right, front right" in said
+    assert remark(*(f"{place} {part}" for place in SWERVE for part in ("position", "steer"))) is None
+    assert remark(*(f"{part}_{k}" for k in range(1, 5) for part in ("wheel", "pivot"))) is None  # a log's own columns
 
 
 def test_positions_go_before_speeds():
