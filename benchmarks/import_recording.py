@@ -1,13 +1,15 @@
 """The command that makes logs of measurements: of published data, or of a recording of one's own robot."""
 
+import json
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from castor_envs.errors import InputError, shortened
 from castor_envs.files import writing
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
 from castor_envs.logs.importers import import_sessions, importers
-from castor_envs.logs.mapping.channel_map import UNDECIDED
+from castor_envs.logs.mapping.channel_map import UNDECIDED, Column, Source
 from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.recordings import formats, recognised
 from castor_envs.logs.recordings.recording import Clock, Found
@@ -31,7 +33,7 @@ def import_source(source: Path, robot: str | None, channel_map: Path | None, out
             raise InputError("--map needs --robot: the robot that made the recording, a file or a preset's name")
         _import_mapped(source, robot, channel_map, out or LOG)
     else:
-        _show(source, robot)
+        _show(source, robot, out)
 
 
 def _import_published(source: Path, out: Path) -> None:
@@ -62,19 +64,34 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
     print(f"next: castor-diagnose inspect {out} --robot {robot}")
 
 
-def _show(source: Path, robot: str | None) -> None:
-    """Print what a recording holds; write a map to edit where the robot is known."""
+def _show(source: Path, robot: str | None, out: Path | None) -> None:
+    """Print what a recording holds; write a map to edit where the robot is known and there is none yet."""
     described = None if robot is None else load_robot(robot)
-    if described is not None and MAP.exists():
-        raise InputError(f"{MAP}: is there already; import with --map {MAP}, or move it to have a new one made")
     recording = open_recording(source)
     clock = recording.clock()
     found = survey(recording, clock)
     _print_channels(source, recording.kind, clock, found)
+    if out is not None:
+        print(f"note: without --map no log is made, and --out {out} is not used")
     if described is None:
         print("next: give --robot, and a map is made that says which channel is which column of the log")
         return
+    following = f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {out or LOG}"
+    if MAP.exists():
+        print(f"\n{MAP}: is there already, and is left alone; move it to have a new one made")
+        try:
+            ChannelMap.load(MAP).check(described, str(MAP))
+        except InputError as error:
+            print(f"note: {error}")
+        else:
+            print(following)
+        return
     guessed = guess_map(found, clock, described)
+    undecided = [key for key, column in guessed.columns.items() if UNDECIDED in column.channels]
+    pose = {key: column for key, column in guessed.columns.items() if key.startswith("ref_")}
+    if pose and len(undecided) == len(guessed.columns) - len(pose):
+        _show_reference(source, clock, pose)
+        return
     guessed.save(MAP)
     print(f"\n{MAP}: a map, guessed from names; check each line of it")
     for key, column in guessed.columns.items():
@@ -83,7 +100,25 @@ def _show(source: Path, robot: str | None) -> None:
         print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
     if remark := Places(described).remark(guessed):
         print(f"note: {remark}")
-    print(f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {LOG}")
+    if undecided:
+        print(
+            f"next: edit {MAP}: replace each {UNDECIDED!r} by a channel, or remove a column that the log need not have"
+        )
+    else:
+        print(following)
+
+
+def _show_reference(source: Path, clock: Clock, pose: Mapping[str, Column]) -> None:
+    """Print what to add to the map of another recording, of which this one is the reference."""
+    place = Source(file=source.name, time=clock.time, unit=clock.unit, period=clock.period)
+    added = ChannelMap(
+        sources={"tracker": place}, columns={key: replace(column, source="tracker") for key, column in pose.items()}
+    ).to_dict()
+    print("\nno channel is a wheel's: this is the reference of another recording; add to the map of that one, with the")
+    print("path of this file as seen from the folder of that one, and the 'offset' between their clocks, s:")
+    for part in ("sources", "columns"):
+        for key, value in added[part].items():
+            print(f'  {part}: "{key}": {json.dumps(value)}')
 
 
 def _print_channels(source: Path, kind: str, clock: Clock, found: Mapping[str, Found]) -> None:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks import cli
@@ -112,7 +113,67 @@ def test_mistakes_in_an_import_are_one_line_and_leave_no_file(tmp_path, capsys, 
         assert (code, printed) == (2, ""), arguments
         assert len(said.splitlines()) == 1
         assert words in said
-    Path("map.json").write_text("{}")
-    assert "map.json: is there already" in call(capsys, "import", "run.csv", "--robot", "differential")[2]
-    assert Path("map.json").read_text() == "{}"
     assert not Path("log.csv").exists()
+
+
+def test_a_map_that_is_there_is_left_alone_and_the_recording_is_shown(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left,right\n0,1,2\n1,2,3\n")
+    Path("map.json").write_text("{}")
+    code, printed, said = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert (code, said) == (0, "")
+    assert any(line.split() == ["right", "2", "1", "2", "3"] for line in printed.splitlines())
+    assert "map.json: is there already, and is left alone" in printed
+    assert "note: map.json: 'format' must be" in printed
+    assert "next:" not in printed
+    assert Path("map.json").read_text() == "{}"
+    Path("map.json").unlink()
+    first = call(capsys, "import", "run.csv", "--robot", "differential")[1].splitlines()
+    again = call(capsys, "import", "run.csv", "--robot", "differential")[1].splitlines()
+    assert again[-1] == first[-1]
+    assert again[-1].startswith("next: castor-bench import run.csv")
+
+
+def test_a_log_that_is_asked_for_without_a_map_is_said_not_to_be_made(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left,right\n0,1,2\n1,2,3\n")
+    for more in ([], ["--robot", "differential"]):
+        code, printed, _ = call(capsys, "import", "run.csv", "--out", "mine.csv", *more)
+        assert code == 0
+        assert "note: without --map no log is made, and --out mine.csv is not used" in printed
+    assert printed.splitlines()[-1].endswith("--map map.json --out mine.csv")
+    assert not Path("mine.csv").exists()
+
+
+def test_no_command_that_fails_is_printed_while_a_column_is_undecided(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left,odd\n0,1,2\n1,2,3\n")
+    _, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert "wheel_1r: undecided" in printed
+    assert printed.splitlines()[-1].startswith("next: edit map.json: replace each '?'")
+
+
+@pytest.mark.parametrize("kind", ["tum", "kitti"])
+def test_a_trajectory_alone_is_the_reference_of_another_recording(tmp_path, capsys, monkeypatch, kind):
+    """What is shown, added to the map of a drive, makes its reference, with the positions of the file."""
+    monkeypatch.chdir(tmp_path)
+    t = 0.1 * np.arange(30)
+    rows = [f"{k},{round(100 * k)},{round(100 * k)}" for k in t]
+    Path("run.csv").write_text("\n".join(["t,left_ticks,right_ticks", *rows]) + "\n")
+    poses = {"tum": [f"{k} {k} 0 0 0 0 0 1" for k in t], "kitti": [f"1 0 0 {k} 0 1 0 0 0 0 1 0" for k in t]}
+    Path("seen.txt").write_text("\n".join(poses[kind]) + "\n")
+    code, printed, _ = call(capsys, "import", "seen.txt", "--robot", "differential")
+    assert code == 0
+    assert "this is the reference of another recording" in printed
+    assert "next:" not in printed
+    assert not Path("map.json").exists()
+    assert call(capsys, "import", "run.csv", "--robot", "differential")[0] == 0
+    by = json.loads(Path("map.json").read_text())
+    for part in ("sources", "columns"):
+        for line in (line for line in printed.splitlines() if line.startswith(f"  {part}: ")):
+            by[part] |= json.loads("{" + line.removeprefix(f"  {part}: ") + "}")
+    Path("map.json").write_text(json.dumps(by))
+    assert call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")[0] == 0
+    reference = read_log("log.csv", preset("differential")).reference
+    assert reference is not None
+    np.testing.assert_allclose(reference, np.column_stack([t, 0 * t, 0 * t]), atol=1e-9)
