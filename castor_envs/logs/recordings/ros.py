@@ -11,7 +11,7 @@ Times are by the message's header ("header"; of a transform its own), or when th
 """
 
 import dataclasses
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +23,12 @@ from castor_envs.logs.recordings.recording import Clock, Reading, RecordingForma
 MOST = 32
 """Numbers of an array: drives with more wheels are not known, images and scans have more."""
 
+OVERLAP = 10**9
+"""ns by which parts of one bag may overlap: a recorder's threads write messages a little out of order."""
+
 _SUFFIXES = (".bag", ".mcap", ".db3")
+_MENDED_BY = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
+"""What mends a file that a recorder did not close."""
 
 
 def _is_bag(path: Path) -> bool:
@@ -82,6 +87,7 @@ class Bag:
             raise InputError(f'{self._path}: needs rosbags; pip install "castor-envs[ros]"') from None
         try:
             with AnyReader(_bags(self._path), default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+                _check_parts(self._path, reader.readers)
                 known = [
                     connection
                     for connection in reader.connections
@@ -92,7 +98,27 @@ class Bag:
         except (AnyReaderError, OSError, ValueError, AssertionError) as error:
             if isinstance(error, InputError):
                 raise
-            raise InputError(f"{self._path}: cannot be read as a ROS bag ({message_of(error)})") from None
+            kinds = {
+                path.suffix: path for path in (*_bags(self._path), *self._path.glob("*")) if path.suffix in _MENDED_BY
+            }
+            mended = " or ".join(f"{_MENDED_BY[kind]!r}" for kind in sorted(kinds))
+            raise InputError(
+                f"{self._path}: cannot be read as a ROS bag ({message_of(error)}); one that was cut off may be mended "
+                f"by {mended}"
+            ) from None
+
+
+def _check_parts(path: Path, parts: Sequence[Any]) -> None:
+    """Raise InputError where files in a folder are not one bag in pieces: one topic is in two at the same time."""
+    for k, part in enumerate(parts):
+        for other in parts[:k]:
+            common = min(part.end_time, other.end_time) - max(part.start_time, other.start_time)
+            topics = {c.topic for c in part.connections} & {c.topic for c in other.connections}
+            if common > OVERLAP and topics:
+                raise InputError(
+                    f"{path}: {other.path.name} and {part.path.name} overlap by {common / 1e9:.3g} s, in both of which "
+                    f"is {min(topics)}: they are no pieces of one bag; name one of them"
+                )
 
 
 def _stamp(message: Any) -> int:

@@ -126,6 +126,36 @@ def test_a_damaged_bag_is_refused_in_one_line(tmp_path):
         assert str(tmp_path / name) in str(caught.value)
 
 
+@pytest.mark.parametrize(("kind", "mended"), [("mcap", "'mcap recover'"), ("sqlite3", "'ros2 bag reindex'")])
+def test_a_bag_that_was_cut_off_says_what_mends_it(tmp_path, bag_writer, kind, mended):
+    with bag_writer(tmp_path / "run", kind) as w:
+        for k in range(50):
+            w.joints("/joints", START + k, START + k, left=float(k))
+    (file,) = (path for path in (tmp_path / "run").iterdir() if path.suffix in (".mcap", ".db3"))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    for path in (tmp_path / "run", file):
+        with pytest.raises(InputError, match=mended):
+            survey(open_recording(path), Clock("receive"))
+
+
+def test_files_in_a_folder_are_one_bag_in_pieces_or_refused(tmp_path, bag_writer):
+    """Pieces follow each other; two robots, or a tracker beside the robot, may be recorded at the same time."""
+
+    def piece(name, start, topic):
+        with bag_writer(tmp_path / name, "ros1") as w:
+            for k in range(11):
+                w.joints(topic, START + start + k, START + start + k, left=start + k)
+
+    piece("0.bag", 0.0, "/joints")
+    piece("1.bag", 10.5, "/joints")
+    piece("tracker.bag", 5.0, "/tracker")
+    times, values = read(tmp_path, "/joints position[left]")
+    assert times == values == [float(k) for k in range(11)] + [10.5 + k for k in range(11)]
+    piece("2.bag", 15.5, "/joints")
+    with pytest.raises(InputError, match=r"1.bag and 2.bag overlap by 5 s, in both of which is /joints: .*name one"):
+        read(tmp_path, "/joints position[left]")
+
+
 def test_without_rosbags_it_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "run.bag").write_bytes(b"#ROSBAG V2.0\n")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
