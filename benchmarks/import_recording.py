@@ -101,9 +101,7 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
     if remark := Places(described).remark(guessed):
         print(f"note: {remark}")
     if undecided:
-        print(
-            f"next: edit {MAP}: replace each {UNDECIDED!r} by a channel, or remove a column that the log need not have"
-        )
+        print(f"next: edit {MAP}: replace each {UNDECIDED!r} by a channel, then give --map {MAP}")
     else:
         print(following)
 
