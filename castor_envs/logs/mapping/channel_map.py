@@ -122,11 +122,23 @@ class ChannelMap:
                 raise InputError(f"{place}.unit: {column.unit!r} does not fit {key}; give one of {', '.join(known)}")
             if (column.unit == "quaternion") != (len(column.channels) == 4):
                 raise InputError(f"{place}.channel: give one, or four (x, y, z, w) with the unit 'quaternion'")
+        self._check_own_channels(columns, name)
         for part, names in columns._asdict().items():
             needed = part in ("wheel", "pivot") or any(key in self.columns for key in names)
             for key in names if needed and part not in ("t", "fix_age") else ():
                 if key != "fix_psi" and key not in self.columns:  # a fix may have no heading
                     raise InputError(f"{name}: columns.{key}: is missing; add it{self._why(part)}")
+
+    def _check_own_channels(self, columns: LogColumns, name: str) -> None:
+        """Raise InputError where two encoders, or two coordinates of a pose, are given one channel."""
+        for names in ((*columns.wheel, *columns.pivot), columns.reference, columns.fix):
+            of: dict[tuple[str, str], str] = {}
+            for key in names:
+                for channel in self.columns[key].channels if key in self.columns else ():
+                    other = of.setdefault((self.columns[key].source, channel), key)
+                    if other != key:
+                        problem = f"{channel!r} is that of {other} too; each has a channel of its own"
+                        raise InputError(f"{name}: columns.{key}.channel: {problem}")
 
     @staticmethod
     def _why(part: str) -> str:

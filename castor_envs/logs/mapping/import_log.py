@@ -12,6 +12,7 @@ from castor_envs.errors import InputError, did_you_mean, shortened
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
+from castor_envs.logs.mapping.agreement import agreement_notes
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
 from castor_envs.logs.mapping.series import Track, row_times
 from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind_of, radians_in
@@ -22,6 +23,9 @@ from castor_envs.vehicles.robot import RobotDescription
 
 TOO_FAST = 3.0
 """How much faster than the robot file's limit a wheel may be before its unit is in doubt: limits are rough."""
+
+ROUNDED = 1e-3
+"""Part by which a counter may reach beyond where it wraps: 6.28 is given for a turn."""
 
 FASTEST_HEADING = 30.0
 """rad/s: no wheeled robot turns faster."""
@@ -66,7 +70,7 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     if tracked is not None:
         tracked = TimedPoses(tracked.t - t[0], tracked.pose)
         log = replace(log, reference=tracked.at(log.t))
-        notes += _reference_notes(log, tracked)
+        notes += [*_reference_notes(log, tracked), *agreement_notes(robot, log)]
     return Imported(log, tracked, (*notes, *_robot_notes(robot, columns, log)))
 
 
@@ -111,6 +115,11 @@ def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: in
         if count:
             notes.append(f"{key}: {count} of {len(first.time) + missing} readings {what} and are left out")
     if column.wraps_at is not None:
+        if (reach := np.ptp(track.value)) > column.wraps_at * (1 + ROUNDED):
+            raise InputError(
+                f"{where}.wraps_at: {column.wraps_at:g}, but the channel's values range over {reach:g}; a counter that "
+                "wraps stays within that: mend or remove it"
+            )
         track = track.unwrapped(column.wraps_at)
     return track.scaled(column.sign * column.scale)
 

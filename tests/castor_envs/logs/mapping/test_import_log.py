@@ -311,6 +311,9 @@ POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, u
         ({"t": {"unit": "s"}}, ["columns.t", "no column"]),
         ({"fix_age": {"unit": "s"}}, ["columns.fix_age", "no column"]),
         ({"fix_x": {"channel": "x", "unit": "m"}}, ["columns.fix_y", "is missing"]),
+        ({"wheel_1r": {"unit": "rad", "channel": "wheel_1l"}}, ["columns.wheel_1r.channel", "that of wheel_1l too"]),
+        ({"ref_y": {"unit": "m", "channel": "x"}}, ["columns.ref_y.channel", "'x' is that of ref_x too"]),
+        ({"wheel_1l": {"unit": "rad", "wraps_at": 1.0}}, ["columns.wheel_1l.wraps_at", "range over 5.62"]),
     ],
 )
 def test_a_wrong_map_is_refused_by_its_place(tmp_path, change, words):
