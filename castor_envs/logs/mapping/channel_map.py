@@ -11,7 +11,7 @@ import os
 from dataclasses import field
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, TypeAdapter
+from pydantic import BeforeValidator, Field, TypeAdapter
 from pydantic.dataclasses import dataclass
 
 from castor_envs import description
@@ -32,6 +32,16 @@ _Text = Annotated[str, Field(min_length=1)]
 def _unless(default: Any) -> Any:
     """Return the field that a map's file leaves out where it is the default."""
     return Field(default=default, exclude_if=lambda value: value == default)
+
+
+def _one_or_four(given: Any) -> Any:
+    """Return what is given as a channel; raises ValueError, in words of the file, for what is neither one nor four."""
+    names = [given] if isinstance(given, str) else given
+    if not isinstance(names, list | tuple) or not all(isinstance(name, str) and name for name in names):
+        raise ValueError("Input should be a channel's name, or four of them")
+    if len(names) not in (1, 4) or (len(names) == 1 and names is given):
+        raise ValueError(f"Input should be one name as text, or four (x, y, z, w) in a list, and has {len(names)}")
+    return given if isinstance(given, str) else tuple(given)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -65,7 +75,7 @@ class Column:
     what numbers are multiplied by. wraps_at: where a counter begins at 0 again, in its unit. source: by name.
     """
 
-    channel: _Text | tuple[_Text, _Text, _Text, _Text]
+    channel: Annotated[_Text | tuple[_Text, _Text, _Text, _Text], BeforeValidator(_one_or_four)]
     unit: _Text
     sign: Literal[1, -1] = 1
     scale: Annotated[float, Field(gt=0, le=1e12)] = _unless(1.0)

@@ -333,6 +333,13 @@ def test_a_wrong_map_is_refused_by_its_place(tmp_path, change, words):
         ({"format": "castor-map/1", "columns": {"a": {"channel": "a", "unit": "rad", "sgn": 1}}}, ["sgn", "not known"]),
         ({"format": "castor-map/1", "columns": {"a": {"channel": "a", "unit": "rad", "sign": 2}}}, ["a.sign"]),
         ({"format": "castor-map/1", "columns": {}, "sources": {"main": {"unit": "h"}}}, ["sources.main.unit", "'h'"]),
+        *(
+            (
+                {"format": "castor-map/1", "columns": {"a": {"channel": given, "unit": "rad"}}},
+                ["columns.a.channel: Input"],
+            )
+            for given in (["a", "b"], ["a"], [], "", 7, None, ["a", "b", "c", 4])
+        ),
     ],
 )
 def test_a_map_that_is_no_map_is_refused(data, words):
@@ -340,6 +347,7 @@ def test_a_map_that_is_no_map_is_refused(data, words):
         ChannelMap.from_dict(data, "map.json")
     for word in ["map.json", *words]:
         assert word in str(caught.value)
+    assert not any(word in str(caught.value) for word in ("constrained", "tuple", "pydantic"))
 
 
 @pytest.mark.parametrize(
