@@ -11,6 +11,7 @@ from pydantic import TypeAdapter
 
 from castor_envs import floor
 from castor_envs.description import schema_of
+from castor_envs.logs.mapping import channel_map
 from castor_envs.vehicles import robot, train
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -20,6 +21,7 @@ KINDS = {
     robot.FORMAT: robot.RobotDescription,
     train.FORMAT: train.TrainDescription,
     floor.FORMAT: floor.Floor,
+    channel_map.FORMAT: channel_map.ChannelMap,
 }
 TABLES = {
     "robot": (robot.FORMAT, ("", "Castor", "Wheel", "Contact", "Gyro", "Tolerances")),

@@ -11,6 +11,7 @@ import pytest
 from castor_envs.effects.catalogue import catalogue
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
+from castor_envs.logs import ChannelMap
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import vehicle_from_dict
 from castor_envs.vehicles.presets import any_preset, preset_names, train_names
@@ -22,8 +23,26 @@ EXAMPLES = [json.loads(block) for block in re.findall(r"```json\n(.*?)```", PAGE
 LOGS = re.findall(r"```csv\n(.*?)```", PAGE, flags=re.S)
 
 
+MAPS = [
+    data
+    for page in ("logs.md", "tutorials/own_robot.md")
+    for block in re.findall(r"```json\n(.*?)```", (ROOT / "docs" / page).read_text(encoding="utf-8"), flags=re.S)
+    if (data := json.loads(block))["format"] == "castor-map/1"
+]
+EVERY_KEY = {
+    "format": "castor-map/1",
+    "sources": {"main": {"time": "t", "unit": "ms"}, "b": {"file": "b.txt", "period": 0.1, "offset": -3.0}},
+    "columns": {
+        "ref_psi": {"channel": ["x", "y", "z", "w"], "unit": "quaternion", "sign": 1, "source": "b"},
+        "wheel_1l": {"channel": "l", "unit": "counts", "sign": -1, "scale": 2.0, "wraps_at": 65536},
+    },
+}
+"""A map in which each key of the format stands."""
+
+
 def loaded(data):
-    return Floor.from_dict(data) if data["format"] == "castor-floor/1" else vehicle_from_dict(data)
+    of = {"castor-floor/1": Floor.from_dict, "castor-map/1": ChannelMap.from_dict}
+    return of.get(data["format"], vehicle_from_dict)(data)
 
 
 def validator(data):
@@ -73,7 +92,7 @@ def test_presets_with_all_their_effects_are_valid(name):
         validator(data).validate(data)
 
 
-@pytest.mark.parametrize("data", EXAMPLES, ids=lambda data: data.get("name", "floor"))
+@pytest.mark.parametrize("data", [*EXAMPLES, *MAPS, EVERY_KEY], ids=lambda data: data.get("name", data["format"]))
 def test_examples_are_read_and_valid(data):
     assert accepted(data) == (True, True)
     assert accepted(data | {"$schema": "schemas/any.json"}) == (True, True)
@@ -87,7 +106,7 @@ def places(data, path=()):
             yield from places(value, (*path, key))
 
 
-@pytest.mark.parametrize("data", EXAMPLES, ids=lambda data: data.get("name", "floor"))
+@pytest.mark.parametrize("data", [*EXAMPLES, EVERY_KEY], ids=lambda data: data.get("name", data["format"]))
 @pytest.mark.parametrize("wrong", [1e30, -1e30, "text", {"key": 1}, []])
 def test_reader_and_schema_refuse_the_same(data, wrong):
     """Any value in its place, one at a time: both take it (a name may be any text), or both refuse it."""

@@ -1,11 +1,4 @@
-"""A map: which channel of a recording is which column of a log, in which unit, and by which clock.
-
-A map is a JSON file:
-
-    format    "castor-map/1"
-    sources   by name: where readings come from. "main" is the recording that is imported
-    columns   by the log's column (`wheel_1l`, `pivot_1`, `cmd_1l`, `gyro_z`, `ref_x`, ...): its channel
-"""
+"""A map: which channel of a recording is which column of a log, in which unit, and by which clock; a JSON file."""
 
 import os
 from dataclasses import field
@@ -22,7 +15,7 @@ from castor_envs.logs.mapping.units import units_of
 from castor_envs.logs.recordings.recording import Clock, TimeUnit
 from castor_envs.vehicles.robot import RobotDescription
 
-NAME = "castor-map/1"
+FORMAT = "castor-map/1"
 UNDECIDED = "?"
 """The channel of a column for which no channel was guessed."""
 
@@ -90,14 +83,18 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class ChannelMap:
-    """A map as its file holds it; see the head of this module."""
+    """A map as its file holds it: which channel of a recording is which column of a log.
+
+    sources: by name, where readings come from; "main" is the recording that is imported. columns: by the log's column,
+    such as `wheel_1l`, `pivot_1`, `cmd_1l`, `gyro_z` and `ref_x`, what it is made from.
+    """
 
     sources: dict[str, Source] = field(default_factory=lambda: {"main": Source()})
     columns: dict[str, Column]
 
     def to_dict(self) -> dict[str, Any]:
         """Return the map as plain data, ``format`` first."""
-        return description.to_data(_ADAPTER, self, NAME)
+        return description.to_data(ADAPTER, self, FORMAT)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the map as JSON; the file is complete or not there."""
@@ -106,12 +103,12 @@ class ChannelMap:
     @classmethod
     def from_dict(cls, data: Any, source: str = "map") -> "ChannelMap":
         """Read a map from plain data; raises InputError that names `source` and the offending keys."""
-        return description.from_data(_ADAPTER, data, NAME, source)
+        return description.from_data(ADAPTER, data, FORMAT, source)
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> "ChannelMap":
         """Read a map from a JSON file; raises InputError that names file and key."""
-        return description.load(_ADAPTER, path, NAME)
+        return description.load(ADAPTER, path, FORMAT)
 
     def check(self, robot: RobotDescription, name: str = "map") -> None:
         """Raise InputError, which calls the map `name`, unless it says what the robot's log needs, in fitting units."""
@@ -159,4 +156,4 @@ class ChannelMap:
         return ", or remove the others of its kind"
 
 
-_ADAPTER = TypeAdapter(ChannelMap)
+ADAPTER = TypeAdapter(ChannelMap)
