@@ -34,6 +34,7 @@ refuses, `write_log` refuses to write.
 """
 
 import dataclasses
+import itertools
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -173,15 +174,16 @@ def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle, tracked:
         if len(column) != len(log) or name in columns.known or name != name.strip():
             raise ValueError(f"extra column {name!r}: {len(column)} cells for {len(log)} rows, or a bad name")
         names.append(name)
-        cells.append(column)
+        cells.append([*map(_quoted, column)])
     columns.check_header(path, 1, names)
     columns.check_castors(path, 1, names, vehicle)
     _check_values(path, range(2, len(log) + 2), log, vehicle)
     rows = [*zip(*cells, strict=True)]
+    del cells
     if tracked is not None:
         rows = _with_poses(columns, names, rows, log.t, tracked)
-    rows = [names, *rows]
-    write_atomically(path, "".join(",".join(map(_quoted, row)) + "\n" for row in rows))
+    lines = itertools.chain([map(_quoted, names)], rows)
+    write_atomically(path, "".join(",".join(row) + "\n" for row in lines))
 
 
 def _at_same_times(tracked: TimedPoses, t: Array) -> Array:
@@ -201,8 +203,8 @@ def _with_poses(
         tuple(repr(row[place[name]]) if name in place else "" for name in names)
         for row in np.column_stack([tracked.t, tracked.pose])[alone].tolist()
     ]
-    order = np.argsort(np.append(t, tracked.t[alone]), kind="stable")
-    return [[*rows, *added][k] for k in order]
+    every, order = [*rows, *added], np.argsort(np.append(t, tracked.t[alone]), kind="stable")
+    return [every[k] for k in order.tolist()]
 
 
 def _quoted(cell: str) -> str:

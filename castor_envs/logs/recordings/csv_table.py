@@ -43,11 +43,15 @@ _UNIT_IN_NAME: dict[TimeUnit, str] = {
 
 def is_number(cell: str) -> bool:
     """Return whether a cell's text is a number; NaN is one."""
+    return value_of(cell) is not None
+
+
+def value_of(cell: str) -> float | None:
+    """Return the number in a cell, None of any other text."""
     try:
-        float(cell)
+        return None if "_" in cell else float(cell)
     except ValueError:
-        return False
-    return "_" not in cell
+        return None
 
 
 def date(cell: str) -> int | None:
@@ -124,11 +128,11 @@ class Table:
             if not parts:
                 time = round(row * (clock.period or 0.0) * 1e9)
             for k, name in taken:
-                cell = line.cells[k].strip()
+                cell = line.cells[k]
                 if not cell:
                     continue
-                if is_number(cell):
-                    yield Reading(name, time, float(cell))
+                if (value := value_of(cell)) is not None:
+                    yield Reading(name, time, value)
                 elif channels is not None:
                     raise complaint(self._path, line.number, name, f"{cell!r} is not a number; mend or blank it")
 
@@ -185,8 +189,10 @@ class Table:
         line = line.strip("\r\n")
         if delimiter == " ":
             return line.lstrip("#").split()
+        plain = '"' not in line and len(line) < csv.field_size_limit()  # which is split much faster
         try:
-            cells = [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter), [])]
+            found = line.split(delimiter) if plain else next(csv.reader([line], delimiter=delimiter), [])
+            cells = [cell.strip() for cell in found]
         except csv.Error as error:
             raise complaint(self._path, number, None, f"is not CSV ({error}); mend the line") from None
         if delimiter != ",":

@@ -118,14 +118,20 @@ class Found:
 
     def add(self, reading: Reading) -> None:
         """Take a reading."""
-        if not math.isfinite(reading.value):
+        _, time, value, stamped = reading
+        if not math.isfinite(value):
             return
-        self.start = reading.time if self.count == 0 else min(self.start, reading.time)
-        self.end = max(self.end, reading.time) if self.count else reading.time
+        if time < self.start or not self.count:
+            self.start = time
+        if time > self.end or not self.count:
+            self.end = time
         self.count += 1
-        self.low, self.high = min(self.low, reading.value), max(self.high, reading.value)
-        self.whole = self.whole and reading.value.is_integer()
-        self.stamped = self.stamped and reading.stamped
+        if value < self.low:
+            self.low = value
+        if value > self.high:
+            self.high = value
+        self.whole = self.whole and value.is_integer()
+        self.stamped = self.stamped and stamped
 
     @property
     def rate(self) -> float:
@@ -137,7 +143,9 @@ def survey(recording: Recording, clock: Clock) -> dict[str, Found]:
     """Read a recording once; return what each channel holds. Memory is bounded by the number of channels."""
     found: dict[str, Found] = {}
     for reading in recording.readings(None, clock):
-        found.setdefault(reading.channel, Found()).add(reading)
+        if reading.channel not in found:
+            found[reading.channel] = Found()
+        found[reading.channel].add(reading)
     return {name: channel for name, channel in found.items() if channel.count}
 
 
