@@ -384,6 +384,16 @@ def test_doubtful_units_and_rates_are_said(tmp_path):
     assert any("rows come every 0.1 s" in note and "sample_period is 0.02" in note for note in notes)
 
 
+def test_a_sign_that_the_reference_contradicts_is_said(tmp_path):
+    """A straight drive: both wheels roll as far as the reference goes, until the map turns one round."""
+    way = ANGLE * WHEEL.radius
+    source = table(tmp_path / "run.csv", **(GOOD | {"x": way, "y": 0 * T, "yaw": 0 * T}))
+    assert import_log(source, ROBOT, mapped(WHEELS | POSE)).notes == ()
+    turned = {"wheel_1r": {"unit": "rad", "sign": -1}}
+    (note,) = import_log(source, ROBOT, mapped(WHEELS | turned | POSE)).notes
+    assert note.startswith("wheel_1r: rolls against")
+
+
 def test_a_slow_reference_is_used_near_its_poses_and_that_is_said(tmp_path):
     x = np.where(np.arange(101) % 25 == 0, T, np.nan)
     source = table(tmp_path / "run.csv", **(GOOD | {"x": x, "y": x, "yaw": x}))
