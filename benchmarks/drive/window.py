@@ -14,6 +14,7 @@ from castor_envs.logs.recorder import RecordLog
 from castor_envs.rendering import Renderer
 from castor_envs.rendering.drawing.canvas import import_pygame
 from castor_envs.rendering.drawing.palette import BEAM, ESTIMATE, INK, ROUGH, SLIPPERY, Color
+from castor_envs.rendering.drawing.window import open_window
 
 SIZE = (900, 900)
 FPS = 30
@@ -41,8 +42,7 @@ class DriveWindow:
         self._renderer = Renderer(env.vehicle, env.floor, "rgb_array", FPS, SIZE, self._arena())
         self._pygame = import_pygame()
         try:
-            self._pygame.display.init()
-            self._screen = self._pygame.display.set_mode(SIZE)
+            self._screen = open_window(SIZE)
         except self._pygame.error as error:
             raise InputError(f"castor-bench drive found no display for its window ({error})") from None
         self._pygame.display.set_caption(title)

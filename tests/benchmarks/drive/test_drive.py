@@ -1,6 +1,9 @@
 """A drive by hand, without a screen: keys, the robot, estimators, the window with events put in, and the log."""
 
 import dataclasses
+import os
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -22,6 +25,9 @@ from castor_envs.rendering.drawing.canvas import import_pygame
 from castor_envs.vehicles.load import load_robot, load_vehicle
 from castor_envs.vehicles.presets import preset
 from estimators.plugins.registry import load_estimator
+
+SHOWING = ("DISPLAY", "WAYLAND_DISPLAY", "XDG_RUNTIME_DIR", "SDL_VIDEODRIVER")
+"""Variables that name a display, or a driver that needs none."""
 
 
 @pytest.fixture
@@ -337,3 +343,14 @@ def test_the_command_ends_by_itself(pygame, tmp_path, monkeypatch, capsys):
     assert leaving.value.code in (0, None)
     assert "written: log.csv, robot.json" in capsys.readouterr().out
     assert len(read_log("log.csv", load_vehicle("robot.json"))) == 5
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems need no variable for a window")
+def test_without_a_display_the_drive_does_not_begin():
+    pytest.importorskip("pygame")
+    kept = {name: value for name, value in os.environ.items() if name not in SHOWING}
+    command = [sys.executable, "-m", "benchmarks", "drive", "--robot", "omni3", "--duration", "0.2"]
+    done = subprocess.run(command, capture_output=True, text=True, env=kept, timeout=300)
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].startswith("error: castor-bench drive found no display for its window")
+    assert done.stdout == ""
