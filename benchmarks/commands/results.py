@@ -7,9 +7,9 @@ from typing import Annotated
 import typer
 
 from benchmarks.export.cases import export_cases, export_form
-from benchmarks.leaderboard import board as boards
 from benchmarks.leaderboard.overview import overviews
 from benchmarks.leaderboard.overview_views import overviews_markdown, print_overviews
+from benchmarks.leaderboard.stored import stored_boards
 from benchmarks.leaderboard.views import as_csv, as_json, as_markdown, print_leaderboard
 from benchmarks.options import (
     DEFAULT_RESULTS,
@@ -58,7 +58,7 @@ def leaderboard(
         raise InputError("choose one of --json, --markdown, --csv and --html")
     check_results_folder(results, write=False)
     with_rows(results)
-    board, detailed = boards.build(chosen, results, cases), bool(names or group)
+    board, detailed = stored_boards(chosen, results, cases), bool(names or group)
     if as_json_text:
         print(json.dumps(as_json(board), indent=2, allow_nan=False))
     elif as_csv_text:

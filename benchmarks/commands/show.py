@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from benchmarks.leaderboard import board as boards
+from benchmarks.leaderboard.stored import stored_boards
 from benchmarks.options import (
     DEFAULT_RESULTS,
     LOADING,
@@ -152,7 +152,7 @@ def page(
     """
     at_least("--cases", cases, 1)
     chosen = _chosen(task, group, results, measured)
-    pages = write_site(boards.build(chosen, results, cases), results, out)
+    pages = write_site(stored_boards(chosen, results, cases), results, out)
     print(f"{out / 'index.html'}: {pages} pages")
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks import cli
-from benchmarks.commands import known, results
+from benchmarks.commands import known, results, show
 from benchmarks.commands import run as run_command
 from benchmarks.leaderboard import board as boards
 from benchmarks.run import choose
@@ -35,7 +35,7 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks):
         lacking = None if measured and (measured / "square.csv").exists() else "no square.csv there"
         return (fake_tasks.Arcs(), fake_tasks.Arcs(name="measured-arcs", missing=lacking))
 
-    for module in (results, known, choose):
+    for module in (results, known, show, choose):
         monkeypatch.setattr(module, "official_tasks", official)
 
     def call(*arguments):
@@ -65,7 +65,7 @@ def test_a_run_ends_with_the_leaderboard(castor_bench, plugin):
 
 def test_of_many_tasks_a_run_shows_the_overview(jobs_here, castor_bench, fake_tasks, plugin, monkeypatch):
     tasks = tuple(fake_tasks.Arcs(name=f"arcs-{k}", group=f"group-{k % 2}") for k in range(4))
-    for module in (results, known, choose):
+    for module in (results, known, show, choose):
         monkeypatch.setattr(module, "official_tasks", lambda measured=None: tasks)
     specs = ("--estimator", plugin("followers:Follower"), "--estimator", plugin("faulty:Raises"))
     code, out, err = castor_bench("run", "--cases", 1, "--jobs", 1, *specs)
@@ -206,6 +206,16 @@ def test_a_mistake_is_one_line_and_writes_nothing(jobs_here, castor_bench, mista
     assert len(err.splitlines()) == 1
     assert out == ""
     assert sorted(str(path) for path in Path().rglob("*") if path.is_file()) == sorted(files)
+
+
+@pytest.mark.parametrize(
+    "command", [("leaderboard", "arcs"), ("leaderboard", "arcs", "--json"), ("page", "--task", "arcs", "--out", "site")]
+)
+def test_a_task_without_results_is_said_to_have_none(castor_bench, command):
+    Path("castor-results/rows").mkdir(parents=True)
+    line = "error: no results of arcs in castor-results; castor-bench run --task NAME makes them\n"
+    assert castor_bench(*command) == (2, "", line)
+    assert not Path("site").exists()
 
 
 def test_damaged_results_are_named(jobs_here, castor_bench, plugin):
