@@ -13,7 +13,7 @@ import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -49,6 +49,7 @@ def new_app(commands: type[Commands]) -> typer.Typer:
     """Return the app of a console script: all of them show help in one style."""
     return typer.Typer(
         cls=commands,
+        context_settings={"help_option_names": ["-h", "--help"]},
         no_args_is_help=True,
         add_completion=False,
         rich_markup_mode=None,
@@ -140,7 +141,12 @@ def _explained(error: BaseException, traceback_shown: bool) -> int:
     # Typer's usage errors are click's, whose import path differs between versions of Typer.
     message = getattr(error, "format_message", None)
     if message is not None:
-        return _show_help(message()) if type(error).__name__ == "NoArgsIsHelpError" else _complain(message(), 2)
+        kind = type(error).__name__
+        if kind == "NoArgsIsHelpError":
+            return _show_help(message(), traceback_shown)
+        context: Any = getattr(error, "ctx", None)
+        hint = f" See {context.command_path} --help." if kind == "MissingParameter" and context is not None else ""
+        return _complain(f"{message()}{hint}", 2)
     if not isinstance(error, Exception):
         raise error
     kept = "".join(f"; {notice}" for notice in _kept)
@@ -162,10 +168,12 @@ def _drop_output() -> None:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _show_help(text: str) -> int:
+def _show_help(text: str, traceback_shown: bool) -> int:
     """Print the help of a script called without arguments, unless Typer, where it formats with rich, has done so."""
-    if text.strip():
-        print(text)
+    try:
+        print(text.strip() and f"{text}\n", end="", flush=True)
+    except OSError as error:  # the reader has gone, or the disk is full
+        return _explained(error, traceback_shown)
     return 2
 
 

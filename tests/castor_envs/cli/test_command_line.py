@@ -116,6 +116,43 @@ def test_output_that_has_no_room_is_one_line(command):
     assert done.stderr == "error: No space left on device; make room\n"
 
 
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("arguments", [(), ("--help",)], ids=["nothing", "help"])
+def test_help_that_nobody_reads_to_its_end_is_no_error(command, arguments):
+    reader, writer = os.pipe()
+    os.close(reader)
+    with open(writer, "w") as pipe:
+        done = subprocess.run([SCRIPTS / command, *arguments], stdout=pipe, stderr=subprocess.PIPE, text=True)
+    assert done.stderr == ""
+
+
+@pytest.mark.parametrize("app", [benchmarks.cli.app, discrepancy.cli.app], ids=COMMANDS)
+def test_one_letter_asks_for_help_everywhere(app, capsys):
+    def printed(*arguments):
+        with pytest.raises(SystemExit) as leaving:
+            command_line.run(app, [*arguments])
+        assert leaving.value.code == 0
+        return capsys.readouterr().out
+
+    assert printed("-h") == printed("--help")
+    for name in imported(app):
+        assert printed(name, "-h") == printed(name, "--help")
+
+
+@pytest.mark.parametrize(
+    ("app", "arguments", "name"),
+    [(benchmarks.cli.app, ("import",), "source"), (discrepancy.cli.app, ("inspect", "--robot", "omni3"), "logs")],
+    ids=COMMANDS,
+)
+def test_what_is_missing_points_to_help(app, arguments, name, capsys):
+    with pytest.raises(SystemExit) as leaving:
+        command_line.run(app, [*arguments])
+    assert leaving.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.lower().startswith(f"error: missing argument '{name}")
+    assert line.endswith(f" {arguments[0]} --help.")
+
+
 @pytest.mark.parametrize("app", [benchmarks.cli.app, discrepancy.cli.app], ids=COMMANDS)
 def test_help_is_alike(app):
     """One style for both, every command and option explained, and options of one name in the same words."""
