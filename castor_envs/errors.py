@@ -19,6 +19,11 @@ class Declined(InputError):  # noqa: N818 - a statement, not a mistake
     """
 
 
+def printable(text: str) -> str:
+    """Return a text with ``?`` for each character that cannot be printed: those that command terminals, too."""
+    return "".join(character if character.isprintable() else "?" for character in text)
+
+
 def shortened(text: object, limit: int = MOST_SHOWN) -> str:
     """Return a text as one printable line of at most `limit` characters, cut between words, an ellipsis at its end.
 
@@ -27,7 +32,7 @@ def shortened(text: object, limit: int = MOST_SHOWN) -> str:
     # Splitting a text of megabytes is slow, and 20 times the limit contains all that can be shown of nearly any text.
     full = str(text)
     words = full[: 20 * limit].split()
-    line = "".join(character if character.isprintable() else "?" for character in " ".join(words))
+    line = printable(" ".join(words))
     if len(line) <= limit and len(full) <= 20 * limit:
         return line
     kept, space, _ = line[: limit - 1].rpartition(" ")

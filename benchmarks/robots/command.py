@@ -2,6 +2,7 @@
 
 import io
 import json
+import warnings
 from pathlib import Path
 
 from benchmarks.robots import summary
@@ -62,7 +63,9 @@ def draw(vehicle: Vehicle, png: Path) -> None:
     if png.suffix.lower() != ".png":
         raise InputError(f"--png {png}: pictures end in .png; name one")
     picture = io.BytesIO()
-    layout_figure(vehicle).savefig(picture, format="png", dpi=110)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")  # a name in letters that the font lacks is drawn as boxes
+        layout_figure(vehicle).savefig(picture, format="png", dpi=110)
     with writing(f"--png {png}"):
         write_atomically(png, picture.getvalue())
 

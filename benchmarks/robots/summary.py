@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from castor_envs.description import problems_of
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, printable, shortened
 from castor_envs.logs.columns import LogColumns
 from castor_envs.motion.mobility import Mobility
 from castor_envs.vehicles.load import Vehicle
@@ -21,7 +21,8 @@ MM = 1e3
 def findings_of(error: InputError) -> list[str]:
     """Return a line for each problem of a file that could not be read."""
     cause = error.__cause__
-    return problems_of(cause) if hasattr(cause, "errors") else [str(error)]  # type: ignore[arg-type]
+    found = problems_of(cause) if hasattr(cause, "errors") else [str(error)]  # type: ignore[arg-type]
+    return [printable(problem) for problem in found]
 
 
 def as_data(vehicle: Vehicle) -> dict[str, Any]:
@@ -42,7 +43,7 @@ def as_data(vehicle: Vehicle) -> dict[str, Any]:
 
 def as_lines(vehicle: Vehicle) -> Iterator[str]:
     """Yield lines that say what a valid file says; lengths in mm, angles in degrees."""
-    yield f"{vehicle.name} ({vehicle.scope}, hash {vehicle.hash()})"
+    yield f"{shortened(vehicle.name)} ({vehicle.scope}, hash {vehicle.hash()})"
     yield from _of_train(vehicle) if isinstance(vehicle, TrainDescription) else _of_robot(vehicle)
     if vehicle.effects:
         yield f"effects: {', '.join(effect.name for effect in vehicle.effects)}"

@@ -19,7 +19,7 @@ import typer
 
 from castor_envs import __version__
 from castor_envs.cli.commands import Commands
-from castor_envs.errors import InputError, message_of
+from castor_envs.errors import InputError, message_of, printable
 
 TRACEBACK = "--traceback"
 INTERRUPTED = 130
@@ -178,5 +178,5 @@ def _show_help(text: str, traceback_shown: bool) -> int:
 
 
 def _complain(message: str, code: int) -> int:
-    print("error:", " ".join(message.splitlines()), file=sys.stderr)
+    print("error:", printable(" ".join(message.splitlines())), file=sys.stderr)
     return code

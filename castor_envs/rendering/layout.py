@@ -12,6 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.patches import Arc, Polygon
 
+from castor_envs.errors import shortened
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry, unit
 from castor_envs.motion.mobility import Mobility
@@ -22,6 +23,8 @@ from castor_envs.vehicles.robot import Castor, RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 
 MM = 1e3
+MOST_OF_TITLE = 60
+"""Characters of a name that fit above the drawing."""
 _TEXT: dict[str, Any] = {
     "ha": "center",
     "va": "center",
@@ -42,7 +45,7 @@ def layout_figure(vehicle: Vehicle) -> Figure:
     FigureCanvasAgg(figure)
     axes = figure.add_axes((0.1, 0.13, 0.88, 0.82))
     axes.set_aspect("equal")
-    axes.set_title(vehicle.name)
+    axes.set_title(shortened(vehicle.name, MOST_OF_TITLE), parse_math=False)
     axes.set_xlabel("x, forward (mm)")
     axes.set_ylabel("y, left (mm)")
     axes.grid(color=_rgb(palette.GRID), linewidth=0.5)

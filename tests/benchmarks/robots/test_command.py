@@ -1,5 +1,6 @@
 """castor-bench robot: a file is checked line by line, described and drawn; answers to questions make a valid one."""
 
+import dataclasses
 import json
 
 import pytest
@@ -63,6 +64,34 @@ def test_what_a_file_says_and_its_picture(call, tmp_path):
     ):
         assert line in out.splitlines()
     assert (tmp_path / "trike.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("name", "shown"),
+    [
+        ("\x1b[31mred\u202e\n robot", "?[31mred? robot"),
+        ("$\\nothing$ 机器人 \U0001f916", "$\\nothing$ 机器人 \U0001f916"),
+        ("n" * 10**6, None),
+    ],
+    ids=["control", "letters", "long"],
+)
+def test_a_name_of_any_kind_is_printed_and_drawn(call, tmp_path, name, shown):
+    dataclasses.replace(preset("omni3"), name=name).save("named.json")
+    code, out, err = call("named.json", "--png", "named.png")
+    first, *lines = out.splitlines()
+    assert (code, err) == (0, "")
+    assert all(line.isprintable() for line in (first, *lines))
+    assert first.startswith(f"{shown} (robot, hash ") if shown else len(first) < 300
+    assert (tmp_path / "named.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("change", [{"\x1b[2J": 1}, {"mass": "\x1b[2J"}, {"format": "\x1b[2J"}, {"castors": "\u202e"}])
+def test_what_is_wrong_is_printable(call, tmp_path, change):
+    (tmp_path / "bad.json").write_text(json.dumps(preset("omni3").to_dict() | change))
+    code, out, _ = call("bad.json")
+    assert code == 1
+    assert out.startswith("WRONG  ")
+    assert all(line.isprintable() for line in out.splitlines())
 
 
 def test_every_problem_has_its_own_line(call, tmp_path):
