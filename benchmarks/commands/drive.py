@@ -11,7 +11,9 @@ from benchmarks.options import above_zero
 
 def drive_by_hand(
     robot: Annotated[str, typer.Option(help="The robot or train: a preset's name or a file.")] = "asoc-prototype",
-    floor: Annotated[str | None, typer.Option(help="A floor file; default: an even floor.")] = None,
+    floor: Annotated[
+        str | None, typer.Option(help="A floor file or the name slippery; default: an even floor.")
+    ] = None,
     estimator: Annotated[
         list[str] | None,
         typer.Option(

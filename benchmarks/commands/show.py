@@ -45,7 +45,9 @@ def show(
         str | None,
         typer.Option(help="Of LOG the robot or train that made it, of --task another robot: file or preset."),
     ] = None,
-    floor: Annotated[Path | None, typer.Option(help="With LOG: the file of the floor it was driven on.")] = None,
+    floor: Annotated[
+        str | None, typer.Option(help="With LOG: the floor it was driven on, a floor file or the name slippery.")
+    ] = None,
     task: Annotated[
         str | None, typer.Option(help="The task of the case to record and run: a name, or file.py[:Class].")
     ] = None,

@@ -5,11 +5,11 @@ from collections.abc import Callable
 from typing import Any
 
 import typer
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
-from castor_envs.description import explain
+from castor_envs.description import Counts, explain
 from castor_envs.vehicles.presets import disc_inertia
-from castor_envs.vehicles.robot import Castor, Gyro, RobotDescription, Wheel
+from castor_envs.vehicles.robot import Castor, Gyro, PivotCounts, RobotDescription, Wheel
 
 MOST_CASTORS, MOST_WHEELS = 20, 8
 """More than any robot has; so that a slip of the keyboard is not followed by a hundred questions."""
@@ -45,7 +45,7 @@ def _castor(number: int, before: list[Castor]) -> Castor:
     else:
         default = 50.0 if steering == "free" else 0.0
         parts["offset"] = _ask("  offset: from the pivot back to the axle (mm)", default, _number) / 1e3
-        counts = _ask("  counts a turn of its pivot encoder (0: none)", 4096, _whole(0, 2**32))
+        counts = _ask("  counts a turn of its pivot encoder (0: none)", 4096, _counts_as(PivotCounts))
         parts["pivot_counts_per_rev"] = counts or None
         if counts:
             question = "  angle that the encoder shows when the castor rolls forward (deg)"
@@ -66,7 +66,7 @@ def _wheels() -> tuple[Wheel, ...]:
         question = "  their distances to the left of the pivot, from left to right (mm)"
         laterals = _ask(question, ", ".join(["0"] * number), lambda text: _numbers(text, number))
     radius = _ask("  radius of the wheels (mm)", 75.0, _positive) / 1e3
-    counts = _ask("  counts a turn of a wheel (0: idle, without encoder)", 1200, _not_negative)
+    counts = _ask("  counts a turn of a wheel (0: idle, without encoder)", 1200, _counts_as(Counts))
     grip = _ask("  grip: standard or omni (with rollers)", "standard", _one_of("standard", "omni"))
     roller = (
         math.radians(_ask("  angle of the rollers (deg; 0 omni, 45 Mecanum)", 0.0, _number)) if grip == "omni" else 0
@@ -140,6 +140,21 @@ def _not_negative(text: str) -> float:
     if (value := _number(text)) < 0:
         raise typer.BadParameter(f"expected 0 or more, got {text!r}")
     return value
+
+
+def _counts_as(kind: Any) -> Callable[[str], float]:
+    """Return what reads 0, or what files take as a number of this kind."""
+    accepted = TypeAdapter(kind)
+
+    def read(text: str) -> float:
+        if value := _number(text):
+            try:
+                accepted.validate_python(value)
+            except ValidationError as error:
+                raise typer.BadParameter(explain(error)) from None
+        return value
+
+    return read
 
 
 def _numbers(text: str, count: int) -> list[float]:

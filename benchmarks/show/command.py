@@ -15,7 +15,7 @@ from benchmarks.show.drives import Drive, Shown, drive_of, drives_of
 from benchmarks.show.follow import Answer, calibrated, failures, follow, poses
 from benchmarks.tasks.task import Case, Episode, Run, Task, odometry_of
 from castor_envs.errors import InputError
-from castor_envs.floor import Floor
+from castor_envs.floor import load_floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import Vehicle, load_vehicle
@@ -86,10 +86,10 @@ def show_case(task: Task, case: Case, by: Following) -> Shown:
     )
 
 
-def show_log(path: Path, robot: str, floor: Path | None, by: Following) -> Shown:
+def show_log(path: Path, robot: str, floor: str | None, by: Following) -> Shown:
     """Read a log, let estimators follow it, and return what is shown of it; without a reference there are no scores."""
     vehicle = load_vehicle(robot)
-    ground = None if floor is None else Floor.load(floor)
+    ground = None if floor is None else load_floor(floor)
     drive = drive_of(path.name, vehicle, read_log(path, vehicle), ground)
     who = by.competitors(vehicle, of_methods=False)
     if not drive.known.any():
@@ -100,7 +100,7 @@ def show_log(path: Path, robot: str, floor: Path | None, by: Following) -> Shown
         drive = replace(drive, samples=np.union1d(drive.samples, run.samples))
         followed, failed, scores = _followed(Episode(vehicle, (run,)), who, by, [drive])
     named = [word for entry in who for word in ("--estimator", entry.spec)]
-    on = [] if floor is None else ["--floor", str(floor)]
+    on = [] if floor is None else ["--floor", floor]
     return Shown(
         title=path.name,
         subtitle=f"A log of {vehicle.name}",

@@ -172,6 +172,16 @@ def test_answers_in_millimetres_and_degrees_are_in_the_file(answer):
     assert (robot.sample_period, robot.mass, robot.gyro.noise) == (0.02, 12.0, 0.002)
 
 
+def test_counts_a_turn_are_what_files_take(answer):
+    counts = ["1e-4", "-4096", "4095.7"]
+    done = answer(["", "1", "", "free", "72", *counts, "0", "2", "116", "38", "0.5", *[""] * 9], "new.json", "--new")
+    assert done.exit_code == 0, done.output
+    assert done.output.count("should be greater than or equal to 0.001") == 2
+    (castor,) = load_robot("new.json").castors
+    assert castor.pivot_counts_per_rev == 4095.7
+    assert castor.wheels[0].counts_per_rev == 0.5
+
+
 def test_impossible_answers_are_asked_for_again(answer):
     free = ["", "1", "", "free", "0", "", "", "2", "300", "75", "", ""]
     done = answer([*free[:2], "far away", *free[2:], *ANSWERS["differential"][2:]], "new.json", "--new")

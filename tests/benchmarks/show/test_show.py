@@ -14,7 +14,8 @@ from benchmarks.run import choose
 from benchmarks.run.plan import Assignment, run
 from benchmarks.show.command import Following, show_case
 from castor_envs.cli import command_line
-from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.cli.commands import imported
+from castor_envs.floor import FLOORS, Cable, Floor, Patch
 from castor_envs.logs.csv import write_log
 from castor_envs.vehicles.presets import differential
 from estimators.plugins.registry import load_estimator
@@ -80,6 +81,22 @@ def test_a_log_is_shown_on_its_floor_and_with_pictures(castor_bench, fake_tasks,
         assert np.abs(last - np.asarray(end, dtype=int)).mean() < 3  # and ends as the picture of the end
 
 
+def test_a_floor_may_be_named_as_in_other_commands(castor_bench, fake_tasks, tmp_path):
+    write_log(tmp_path / "here" / "drive.csv", fake_tasks.Arcs(samples=21).record(0).runs[0].log, differential())
+    arguments = ("drive.csv", "--robot", "differential", "--floor", "slippery", "--estimator", "wheel-odometry")
+    assert castor_bench("show", *arguments)[::2] == (0, "")
+    page = (tmp_path / "here" / "castor-show.html").read_text(encoding="utf-8")
+    assert page.count('class="slippery"') == 1
+    assert "--floor slippery" in page
+
+
+def test_every_named_floor_is_in_the_help_of_commands():
+    commands = imported(cli.app)
+    for command in ("drive", "show"):
+        (floor,) = (option for option in commands[command].params if option.name == "floor")
+        assert all(name in floor.help for name in FLOORS)
+
+
 def test_a_log_without_reference_has_no_scores_and_no_picture(castor_bench, fake_tasks, tmp_path):
     log = fake_tasks.Arcs().record(0).runs[0].log
     write_log(tmp_path / "here" / "blind.csv", type(log)(log.t, log.wheel, log.pivot), differential())
@@ -97,6 +114,7 @@ MISTAKES = {
     "both": (("a.csv", "--task", "arcs"), "give a log and --robot, or --task"),
     "no robot": (("a.csv",), "name the robot that made it with --robot"),
     "no log": (("a.csv", "--robot", "differential"), "a.csv: cannot be read"),
+    "no floor": (("a.csv", "--robot", "differential", "--floor", "slipery"), "did you mean 'slippery'?"),
     "case of a log": (("a.csv", "--robot", "differential", "--case", "1"), "--case: is of a task"),
     "no case": (("--task", "arcs", "--case", "one"), "cases of arcs are numbers; 0 to 7 are official"),
     "floor of a task": (("--task", "arcs", "--floor", "f.json"), "a task has a floor of its own"),
