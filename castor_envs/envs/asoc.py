@@ -86,7 +86,8 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
       calibration by pivoting about it (`castor_envs.motion.trajectories.pivoting`)
     - `floor`: a `Floor`, "slippery", or the path of a floor file
 
-    `env.unwrapped.follower.action(observation)` is the scripted driver's action for an observation that is not scaled.
+    `env.unwrapped.follower.action(observation)` is the scripted driver's action for an observation that is not scaled;
+    `env.unwrapped.unscaled` is the newest one, whether or not observations are.
 
     ## Version History
     * v1: a reward that is never better for ending early; the reference in observations; random trajectories

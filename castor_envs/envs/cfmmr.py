@@ -74,7 +74,8 @@ class CFMMREnv(TrackingEnv[SensedTrain], TrainEnv):
     - `scaled`: whether observations are one vector of scaled numbers
     - `floor`: a `Floor`, "slippery", or the path of a floor file
 
-    `env.unwrapped.follower.action(observation)` is the scripted driver's action for an observation that is not scaled.
+    `env.unwrapped.follower.action(observation)` is the scripted driver's action for an observation that is not scaled;
+    `env.unwrapped.unscaled` is the newest one, whether or not observations are.
 
     ## Version History
     * v1: a reward that is never better for ending early; the reference in observations; random paths

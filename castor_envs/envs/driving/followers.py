@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array, Numbers, vectors
 from castor_envs.geometry.se2 import rotate
 from castor_envs.motion.controllers import ALONG, KinematicController, axle_wheel_rates, posture_correction
@@ -45,7 +46,14 @@ class Follower(ABC):
         """Return the speeds (..., m) at which motors give a twist, (..., 3) or (..., N, 3), by rolling, rad/s."""
 
     def action(self, observation: Mapping[str, Numbers]) -> NDArray[np.float32]:
-        """Return the action (m,) in [-1, 1] of the scripted driver where actions are speeds (`control="speed"`)."""
+        """Return the action (m,) in [-1, 1] of the scripted driver where actions are speeds (`control="speed"`).
+
+        Raises InputError for a vector of scaled numbers.
+        """
+        if not isinstance(observation, Mapping):
+            raise InputError(
+                "the scripted driver needs what is not scaled: give it env.unwrapped.unscaled, the same observation"
+            )
         speeds = self.motors(observation, self.twist(observation))
         return np.clip(speeds / self.fastest, -1.0, 1.0).astype(np.float32)
 

@@ -45,7 +45,7 @@ EstimatorClass = Callable[[], Believing]
 class TrackingEnv(VehicleEnv[Sensed]):
     """A vehicle whose agent commands all motors and is to be where its course is. Subclasses know its motors.
 
-    follower: the scripted driver.
+    follower: the scripted driver. unscaled: the newest observation, before it is scaled.
     """
 
     def _track(
@@ -54,6 +54,8 @@ class TrackingEnv(VehicleEnv[Sensed]):
         """Take what all constructors share, after that of the vehicle."""
         if control not in get_args(Control):
             raise InputError(f"unknown control {control!r}{did_you_mean(str(control), get_args(Control))}")
+        if not isinstance(scaled, bool):
+            raise InputError(f"scaled must be True or False, got {scaled!r}")
         self.follower, self.control = follower, control
         self._estimator_class = _estimator_class(estimator)
         size = (follower.corrections if control == "residual" else follower.fastest).shape
@@ -177,7 +179,9 @@ def _named(name: str) -> Any:
     try:
         return pkgutil.resolve_name(name)
     except (ImportError, AttributeError, ValueError) as error:
+        # A ValueError only says that the form is another one, such as that of the commands.
+        why = "" if isinstance(error, ValueError) else f" ({one_line(error)})"
         raise InputError(
-            f"there is no estimator {name!r}; give 'module:Class', such as "
-            f"'estimators.robots.cast:CAST' ({one_line(error)})"
+            f"there is no estimator {name!r}{why}; give 'module:Class', such as 'estimators.robots.cast:CAST', or for "
+            f"names and files as in castor-bench, estimators.load_estimator({name!r}).factory"
         ) from error

@@ -198,6 +198,8 @@ def test_a_gyro_reads_the_turning_rate():
         ("castor/ASOC-v1", {"estimator": "nowhere"}, "there is no estimator"),
         ("castor/ASOC-v1", {"estimator": dict}, "`reset` and `update`"),
         ("castor/ASOC-v1", {"estimator": 5}, "`reset` and `update`"),
+        ("castor/ASOC-v1", {"scaled": "yes"}, "scaled must be True or False, got 'yes'"),
+        ("castor/CFMMR-v1", {"scaled": 1}, "scaled must be True or False, got 1"),
         ("castor/UMBmark-v0", {"side": 0}, "side"),
         ("castor/UMBmark-v0", {"side": "1"}, "side"),
         ("castor/UMBmark-v0", {"turn_speed": -1.0}, "turn_speed"),

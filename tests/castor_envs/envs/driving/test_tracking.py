@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import estimators
 from castor_envs.envs.driving.reference_table import ROWS, ReferenceTable
 from castor_envs.envs.driving.reward import LOST, quality, tracking_error
 from castor_envs.envs.driving.scaling import LIMIT
@@ -194,6 +195,18 @@ def test_scaled_observations_are_within_about_one_when_driven_well(name, floor):
 
 
 @pytest.mark.parametrize("name", IDS)
+def test_the_scripted_driver_takes_what_is_not_scaled(name):
+    env, plain = made(name, scaled=True), made(name)
+    (vector, _), (observation, _) = env.reset(seed=0), plain.reset(seed=0)
+    for _ in range(3):
+        action = env.follower.action(env.unscaled)
+        np.testing.assert_array_equal(action, scripted(plain, observation))
+        vector, observation = env.step(action)[0], plain.step(action)[0]
+    with pytest.raises(InputError, match=r"give it env\.unwrapped\.unscaled"):
+        env.follower.action(vector)
+
+
+@pytest.mark.parametrize("name", IDS)
 def test_a_scaled_environment_is_the_same_one(name):
     """The same rewards for the same actions; every state has a vector of its own."""
     rewards, observations, *_ = drive(made(name), full_throttle)
@@ -311,6 +324,22 @@ def test_an_estimator_tells_the_agent_where_it_is_and_the_reward_is_of_the_truth
     np.testing.assert_allclose(observation["reference"][:2], [seen.real, seen.imag], atol=1e-12)
     assert np.hypot(*observation["reference"][:2]) < 0.5 * info["position_error"]
     assert reward == pytest.approx(0.05 * (1 - (info["position_error"] + 0.25 * info["heading_error"]) / 0.5))
+
+
+@pytest.mark.parametrize("file", [False, True])
+def test_what_is_said_of_a_name_of_the_commands_makes_its_estimator(tmp_path, monkeypatch, file):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "my_cast.py").write_text("from estimators.robots.cast import CAST\n\n\nclass Mine(CAST): ...\n")
+    spec = "my_cast.py:Mine?step=euler" if file else "cast-0"
+    with pytest.raises(InputError) as refused:
+        made("castor/ASOC-v1", estimator=spec)
+    said = str(refused.value)
+    assert said.startswith(f"there is no estimator {spec!r}; give 'module:Class', such as ")
+    written = said.rpartition(", ")[2]
+    assert written == f"estimators.load_estimator({spec!r}).factory"
+    env = made("castor/ASOC-v1", estimator=eval(written, {"estimators": estimators}))
+    env.reset(seed=0)
+    assert isinstance(env._estimator, CAST)
 
 
 def test_estimators_are_classes_or_make_estimators_and_of_trains_too():
