@@ -1,7 +1,8 @@
 """Says in one line that a file of the user's hides a package that is installed with this one.
 
 A script's own folder comes first where Python looks for modules: an `estimators.py` beside it is imported instead of
-the package `estimators`, and what follows is an error that names neither. Nothing is said to those who import neither.
+the package `estimators`, and what follows is an error that names neither: of that error, only the line remains. Nothing
+is said to those who import neither.
 """
 
 import sys
@@ -9,10 +10,11 @@ from collections.abc import Sequence
 from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, TracebackType
 
 PACKAGES = ("estimators", "benchmarks", "discrepancy")
 _ROOT = Path(__file__).parents[1]
+_said: set[str] = set()
 
 
 class _Watch(MetaPathFinder):
@@ -24,6 +26,8 @@ class _Watch(MetaPathFinder):
         if fullname in PACKAGES and (hiding := hidden_by(fullname)) is not None:
             message = f"{hiding} hides the package {fullname!r} of castor-envs; rename it, or run from another folder"
             print(f"castor-envs: {message}", file=sys.stderr)
+            _said.add(fullname)
+            _end_without_traceback()
         return None
 
 
@@ -33,6 +37,26 @@ def hidden_by(package: str) -> str | None:
     if found is None or found.origin is None or Path(found.origin).resolve().parent == (_ROOT / package).resolve():
         return None
     return found.origin
+
+
+def is_explained(error: BaseException | None) -> bool:
+    """Return whether an error comes from an import of a package of which it was said that a file hides it."""
+    while error is not None:
+        if isinstance(error, ImportError) and (error.name or "").partition(".")[0] in _said:
+            return True
+        error = error.__cause__
+    return False
+
+
+def _end_without_traceback() -> None:
+    """Let such an error end a script without a traceback."""
+    usual = sys.excepthook
+
+    def hook(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        if not is_explained(error):
+            usual(kind, error, trace)
+
+    sys.excepthook = hook
 
 
 def watch() -> None:

@@ -20,6 +20,7 @@ import typer
 from castor_envs import __version__
 from castor_envs.cli.commands import Commands
 from castor_envs.errors import InputError, message_of, printable
+from castor_envs.shadowed import is_explained
 
 TRACEBACK = "--traceback"
 INTERRUPTED = 130
@@ -132,6 +133,8 @@ def _stopped() -> str:
 
 def _explained(error: BaseException, traceback_shown: bool) -> int:
     """Print an error in one line; return the exit code. traceback_shown: whether it is printed already."""
+    if is_explained(error):
+        return 2
     if isinstance(error, InputError):
         return _complain(str(error), 2)
     if isinstance(error, BrokenPipeError):

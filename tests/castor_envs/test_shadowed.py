@@ -36,6 +36,40 @@ def test_examples_of_the_docs_name_the_file_that_hides_the_package(tmp_path, pag
     assert sum("hides the package" in line for line in lines) == 1
 
 
+HIDES = "hides the package 'estimators' of castor-envs; rename it, or run from another folder"
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import castor_envs\nfrom estimators import CAST\n",
+        "import castor_envs\nfrom estimators.robots.cast import CAST\n",
+        "import gymnasium as gym\nimport castor_envs\n"
+        "gym.make('castor/ASOC-v1', estimator='estimators.robots.cast:CAST')\n",
+    ],
+    ids=["name", "module", "environment"],
+)
+def test_no_traceback_follows(tmp_path, code):
+    (tmp_path / "estimators.py").write_text("mine = 1\n")
+    assert said(tmp_path, code) == f"castor-envs: {tmp_path / 'estimators.py'} {HIDES}\n"
+
+
+def test_a_script_that_means_its_own_file_goes_on_and_has_its_own_errors(tmp_path):
+    (tmp_path / "estimators.py").write_text("mine = 1\n")
+    lines = said(tmp_path, "import castor_envs\nimport estimators\nprint(1 / (estimators.mine - 1))\n").splitlines()
+    assert lines[0].endswith(HIDES)
+    assert lines[1].startswith("Traceback")
+    assert lines[-1] == "ZeroDivisionError: division by zero"
+
+
+@pytest.mark.parametrize("command", [("benchmarks", "list"), ("discrepancy", "inspect", "log.csv")])
+def test_commands_end_with_the_line_alone(tmp_path, command):
+    (tmp_path / "estimators.py").write_text("mine = 1\n")
+    done = subprocess.run([sys.executable, "-m", *command], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    line = f"castor-envs: {tmp_path / 'estimators.py'} {HIDES}\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", line)
+
+
 def test_nothing_is_said_to_those_who_do_not_import_it(tmp_path):
     (tmp_path / "benchmarks.py").write_text("mine = 1\n")
     assert said(tmp_path, "import castor_envs\nimport estimators\n") == ""
