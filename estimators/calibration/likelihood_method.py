@@ -9,7 +9,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.creep import CONTROLLER
 from estimators.calibration.identifiability import COVERAGE, WHOLLY, rests_on, scale_rests_on_pivots, unseen_of
 from estimators.calibration.maximum_likelihood.calibrate import Calibration, calibrate
-from estimators.calibration.protocol import Recording, Report, Result
+from estimators.calibration.protocol import Recording, Report, Result, names_of
 
 
 class MaximumLikelihoodMethod:
@@ -100,7 +100,8 @@ class MaximumLikelihoodMethod:
 
     def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> Calibration:
         with np.errstate(over="ignore", invalid="ignore"):  # what overflows has no fit, which is an InputError
-            return calibrate(robot, [recording.log for recording in recordings], pivots=self._pivots)
+            logs = [recording.log for recording in recordings]
+            return calibrate(robot, logs, pivots=self._pivots, names=names_of(recordings))
 
 
 def _gyro(found: Calibration, recordings: Sequence[Recording]) -> Iterator[str]:

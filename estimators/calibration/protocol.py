@@ -29,6 +29,11 @@ def in_recording(error: InputError, recording: Recording) -> InputError:
     return type(error)(f"{recording.name}: {error}") if recording.name else error
 
 
+def names_of(recordings: Sequence[Recording]) -> list[str]:
+    """Return what messages call recordings: by their names, or "log 1", "log 2" and so on."""
+    return [recording.name or f"log {number}" for number, recording in enumerate(recordings, start=1)]
+
+
 @runtime_checkable
 class CalibrationMethod(Protocol):
     """Finds a robot's parameters from its logs. The class is constructed without arguments."""

@@ -28,7 +28,7 @@ from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.axle import AxleCorrection, driven_axle
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.protocol import Recording, Report, Result, in_recording
+from estimators.calibration.protocol import Recording, Report, Result, in_recording, names_of
 from estimators.robots.dead_reckoning import DeadReckoning
 
 CLOSED = 0.25
@@ -128,18 +128,27 @@ def from_errors(robot: RobotDescription, cw: ArrayLike, ccw: ArrayLike, side: fl
 
 
 def from_logs(
-    robot: RobotDescription, logs: Sequence[Log], directions: Sequence[Literal["cw", "ccw"]], side: float
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    directions: Sequence[Literal["cw", "ccw"]],
+    side: float,
+    names: Sequence[str] | None = None,
 ) -> UMBmarkCorrection:
     """Return the correction from logs of single squares with a reference at start and end.
 
     robot: as described; its dead reckoning is compared with the reference. directions: in which each square was driven.
-    side: m. Raises InputError as `from_errors` does, and for logs without reference or whose square was not closed.
+    side: m. names: of the logs, for messages; "log 1" and so on if left out. Raises InputError as `from_errors` does,
+    and for logs without reference or whose square was not closed.
     """
-    return from_errors(robot, *return_errors(robot, logs, directions, side), side)
+    return from_errors(robot, *return_errors(robot, logs, directions, side, names), side)
 
 
 def return_errors(
-    robot: RobotDescription, logs: Sequence[Log], directions: Sequence[Literal["cw", "ccw"]], side: float
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    directions: Sequence[Literal["cw", "ccw"]],
+    side: float,
+    names: Sequence[str] | None = None,
 ) -> tuple[Array, Array]:
     """Return the return errors (n, 3) of clockwise and of counter-clockwise runs, as `from_errors` takes them.
 
@@ -150,10 +159,11 @@ def return_errors(
     if len(logs) != len(directions):
         raise InputError(f"{len(logs)} logs, but {len(directions)} directions; give 'cw' or 'ccw' for each log")
     errors: dict[str, list[Array]] = {"cw": [], "ccw": []}
-    for number, (log, direction) in enumerate(zip(logs, directions, strict=True), start=1):
+    names = names or [f"log {number}" for number in range(1, len(logs) + 1)]
+    for name, log, direction in zip(names, logs, directions, strict=True):
         if direction not in errors:
-            raise InputError(f"log {number}: unknown direction {direction!r}; give 'cw' or 'ccw'")
-        errors[direction].append(_return_error(robot, log, direction, side, f"log {number}"))
+            raise InputError(f"{name}: unknown direction {direction!r}; give 'cw' or 'ccw'")
+        errors[direction].append(_return_error(robot, log, direction, side, name))
     return np.reshape(errors["cw"], (-1, 3)), np.reshape(errors["ccw"], (-1, 3))
 
 
@@ -295,13 +305,13 @@ class UMBmarkMethod:
         return Report(results, calibrated, remarks=(FIRST_ORDER,))
 
     def _fit(self, robot: RobotDescription, recordings: Sequence[Recording]) -> UMBmarkCorrection:
-        squares = [(square, square.side) for square in recordings if square.side is not None]
-        sides = sorted({side for _, side in squares})
+        squares = [recording for recording in recordings if recording.side is not None]
+        sides = sorted({square.side for square in squares if square.side is not None})
         if len(sides) != 1:
             found = "none" if not sides else ", ".join(f"{side:g} m" for side in sides)
             raise Declined(f"needs UMBmark squares of one side; sides of these recordings: {found}")
-        logs = [square.log for square, _ in squares]
-        return from_logs(robot, logs, directions_of([square for square, _ in squares]), sides[0])
+        logs = [square.log for square in squares]
+        return from_logs(robot, logs, directions_of(squares), sides[0], names_of(squares))
 
 
 METHODS = {"umbmark-correction": UMBmarkMethod}

@@ -10,7 +10,7 @@ import pytest
 from benchmarks import cli
 from castor_envs.cli import command_line
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
-from castor_envs.logs.csv import write_log
+from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
 from castor_envs.motion.kinematics import Geometry
@@ -18,8 +18,9 @@ from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import pivoting, umbmark
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.axle import with_axle
+from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.presets import differential, preset
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.robot import Gyro, RobotDescription
 
 EFFECTS = (PivotBias(castor=2, value=0.05), WheelRadius(castor=3, wheel=1, value=0.03))
 
@@ -160,6 +161,32 @@ def test_squares_that_cannot_be_used_are_refused(squares, logs, tmp_path, capsys
         assert code == 2, err
         assert said in err
         assert not out.exists()
+
+
+def test_the_log_that_is_wrong_is_named(squares, tmp_path, capsys):
+    """A square that was not closed, and a gyro that turns the wrong way."""
+    robot, paths = squares
+    bad, turning = tmp_path / "bad.csv", tmp_path / "gyro.json"
+    described = load_robot(str(robot))
+    good = read_log(paths[-1], described)
+    assert good.reference is not None
+    poses = good.reference.copy()
+    poses[-1, 0] += 1.0
+    write_log(bad, replace(good, reference=poses), described)
+    code, _, err = call(capsys, *paths[:3], bad, "--robot", robot, "--side", 1.5, "--out", tmp_path / "new.json")
+    assert (code, err.startswith(f"error: {bad}: the square was not closed")) == (2, True)
+
+    with_gyro = replace(described, gyro=Gyro(noise=0.002))
+    with_gyro.save(turning)
+    named = []
+    for path, way in zip(paths, (1, 1, 1, -1), strict=True):
+        log = read_log(path, described)
+        assert log.reference is not None
+        rate = way * np.diff(log.reference[:, 2], prepend=log.reference[0, 2]) / described.sample_period
+        named.append(tmp_path / f"gyro-{path.name}")
+        write_log(named[-1], replace(log, gyro=rate), with_gyro)
+    code, _, err = call(capsys, *named, "--robot", turning, "--out", tmp_path / "new.json")
+    assert (code, err) == (2, f"error: {named[-1]}: gyro_z turns against the wheels: change its sign\n")
 
 
 def test_an_interval_names_the_unseen_change_that_it_rests_on(tmp_path, capsys):

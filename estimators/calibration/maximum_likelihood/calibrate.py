@@ -107,12 +107,17 @@ class Calibration:
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def calibrate(
-    robot: RobotDescription, logs: Sequence[Log], *, pivots: bool = False, noise: Noise | None = None
+    robot: RobotDescription,
+    logs: Sequence[Log],
+    *,
+    pivots: bool = False,
+    noise: Noise | None = None,
+    names: Sequence[str] | None = None,
 ) -> Calibration:
     """Calibrate a robot from logs of any motion, with or without reference poses.
 
     pivots: whether the pivots of free castors are to be found too. noise: known sizes, of all that contacts slip; None:
-    they are found, and creep of contacts with them.
+    they are found, and creep of contacts with them. names: of the logs, for messages; "log 1" and so on if left out.
     Raises InputError, saying what to record instead, where the logs show nothing, contradict the robot beyond repair,
     or hold counts that jump.
     """
@@ -120,10 +125,11 @@ def calibrate(
         raise Declined("there is no log; record one")
     described, parameters = Geometry.of(robot), parameters_of(robot, pivots)
     scale, before = scales_of(parameters), values_of(described, parameters)
+    names = names or [f"log {number}" for number in range(1, len(logs) + 1)]
     logs, turn = straightened(described, logs)
     models = [LogLikelihood(described, log, k) for k, log in enumerate(logs)]
     poses = sum(model.poses for model in models)
-    _check(robot, logs, parameters)
+    _check(robot, logs, names, parameters)
     with_gyro = any(model.gyro_steps for model in models)
     scale_of_gyro = robot.gyro.scale_tolerance if robot.gyro is not None and with_gyro else 0.0
     try:
@@ -287,13 +293,15 @@ def _left(models: list[LogLikelihood], geometries: list[Geometry], at: State) ->
     return rms(before), left
 
 
-def _check(robot: RobotDescription, logs: Sequence[Log], parameters: tuple[Parameter, ...]) -> None:
+def _check(
+    robot: RobotDescription, logs: Sequence[Log], names: Sequence[str], parameters: tuple[Parameter, ...]
+) -> None:
     if not parameters:
         raise Declined(f"robot {robot.name!r} has no encoder whose numbers could be found")
-    for k, log in enumerate(logs if robot.gyro is not None else (), 1):
-        check = gyro_against_wheels(robot, log)
+    for name, log in zip(names, logs, strict=True):
+        check = None if robot.gyro is None else gyro_against_wheels(robot, log)
         if check is not None and check.mistaken:
-            raise InputError(f"log {k}: gyro_z {check.verdict}")
+            raise InputError(f"{name}: gyro_z {check.verdict}")
     turned = np.max([np.ptp(log.wheel, axis=0) for log in logs], axis=0)
     if not turned.any():
         raise InputError("no wheel turned in any log; record a drive")
