@@ -22,6 +22,9 @@ FAST, OFTEN = 3.0, 0.05
 """Multiple of max_wheel_speed that no wheel reaches; the part of steps above it from which on the fault is systematic,
 not in single steps."""
 
+SLOW = 0.05
+"""Part of max_wheel_speed below which no drive stays throughout."""
+
 LONGEST_GAP = 86400.0
 """s: most between two samples, a day."""
 
@@ -81,10 +84,33 @@ def remarks(robot: RobotDescription, log: Log) -> Iterator[str]:
     elif still:
         yield f"{', '.join(still)} never change{'s' * (len(still) == 1)}"
     yield from _fast(robot, log)
-    fractional = [names[k] for k in np.flatnonzero(np.any(counts != np.round(counts), axis=0))]
-    if fractional:
-        yield f"{', '.join(fractional)}: not whole numbers, and so no counts as encoders give them"
+    if angles := _like_angles(robot, log):
+        yield f"{', '.join(angles)}: not whole numbers, and as small as angles in rad; give counts"
     yield from _reference(log)
+
+
+def _like_angles(robot: RobotDescription, log: Log) -> list[str]:
+    """Return the encoders that seem to give rad.
+
+    That counts are not whole says nothing: imported angles and lengths are not, nor are pivots that wrap at such a
+    number of counts a turn.
+    """
+    pivots = zip(LogColumns.of(robot).pivot, robot.pivot_encoders, log.pivot.T, strict=True)
+    turns = ((name, counts, robot.castors[castor].pivot_counts_per_rev or np.nan) for name, castor, counts in pivots)
+    found = [
+        name
+        for name, counts, turn in turns
+        if not _whole(counts) and np.ptp(counts) > 0 and np.max(np.abs(counts)) <= 2 * np.pi < SLOW * turn
+    ]
+    for name, counts, steps, limit in wheel_steps(robot, log):
+        in_rad = float(np.median(robot.max_wheel_speed * np.diff(log.t) / limit))  # as a part of the same in counts
+        if not _whole(counts) and 0 < np.max(np.abs(steps) / limit) <= min(in_rad, SLOW):
+            found.append(name)
+    return found
+
+
+def _whole(counts: Array) -> bool:
+    return bool(np.all(counts == np.round(counts)))
 
 
 def _fast(robot: RobotDescription, log: Log) -> Iterator[str]:

@@ -326,6 +326,29 @@ def test_gaps_dropouts_and_jumps_are_remarks_with_their_rows():
     assert "the reference jumps" in told
 
 
+def test_counts_that_need_not_be_whole_are_not_remarked():
+    """Of pivots whose counts a turn are not whole, as recorded; and of angles and metres, as imported."""
+    castors = [dataclasses.replace(castor, pivot_counts_per_rev=4095.7) for castor in ASOC.castors]
+    geared = dataclasses.replace(ASOC, castors=tuple(castors))
+    log = log_of(geared)
+    assert np.any(log.pivot != np.round(log.pivot))
+    assert preflight(geared, [log]).remarks == ()
+    rolled, geometry = motion(ASOC), Geometry.of(ASOC)
+    exact = rolled.wheel_angle[:, np.array(ASOC.driven_wheels)] * 1200 / (2 * np.pi)
+    turns = (rolled.castor_angle + geometry.pivot_zero) / (2 * np.pi)
+    imported = dataclasses.replace(log_of(ASOC), wheel=exact, pivot=turns * geometry.pivot_counts_per_rev)
+    assert {wheel.counts_per_rev for wheel in ASOC.wheels} == {1200}
+    assert preflight(ASOC, [imported]).remarks == ()
+
+
+def test_angles_that_stand_for_counts_are_remarked():
+    rolled = motion(ASOC)
+    angles = {"wheel": rolled.wheel_angle, "pivot": np.remainder(rolled.castor_angle, 2 * np.pi)}
+    remarks = preflight(ASOC, [dataclasses.replace(log_of(ASOC), **angles)]).remarks
+    (told,) = [remark for remark in remarks if "as small as angles in rad; give counts" in remark]
+    assert told.startswith("the log: pivot_1, pivot_2, pivot_3, wheel_1l, wheel_1r, wheel_2l")
+
+
 @pytest.mark.parametrize("rows", [2, 3, 9, 40])
 def test_short_and_still_logs_are_reported_and_nothing_is_named(rows):
     log = log_of(ASOC)
