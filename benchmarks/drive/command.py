@@ -61,7 +61,7 @@ def drive(
     if len(log) < 2:
         return
     episode = Episode(env.vehicle, (Run(log, floor=env.floor),))
-    print("\n".join(_told(episode, log, followers)))
+    print("\n".join(_summary(episode, log, followers)))
 
 
 def hand_driven(vehicle: Vehicle, floor: Floor | str | None = None) -> HandDrivenEnv[Any]:
@@ -110,7 +110,7 @@ def _write(record: Path, log: Log, vehicle: Vehicle, floor: Floor) -> None:
     print(f"written: {record}, {beside}")
 
 
-def _told(episode: Episode, log: Log, followers: Sequence[Follower]) -> Iterator[str]:
+def _summary(episode: Episode, log: Log, followers: Sequence[Follower]) -> Iterator[str]:
     """Yield what the drive was, and the scores of each estimator."""
     (run,) = episode.runs
     front = run.truth if run.axles is None else run.truth[0]

@@ -53,7 +53,7 @@ class DriveWindow:
         clock = self._pygame.time.Clock()
         try:
             self._draw()
-            while self._time < longest and self._took(take()):
+            while self._time < longest and self._handle(take()):
                 for _ in range(self._steps):
                     self._step()
                 self._draw()
@@ -66,8 +66,8 @@ class DriveWindow:
         """Return what the window shows (height, width, 3)."""
         return np.swapaxes(self._pygame.surfarray.array3d(self._screen), 0, 1)
 
-    def _took(self, events: Iterable[Any]) -> bool:
-        """Take events; return whether the drive goes on."""
+    def _handle(self, events: Iterable[Any]) -> bool:
+        """Handle events; return whether the drive goes on."""
         pygame, keyboard = self._pygame, self._keyboard
         for event in events:
             if event.type == pygame.QUIT or (event.type == pygame.KEYDOWN and event.key == pygame.K_ESCAPE):
@@ -103,7 +103,7 @@ class DriveWindow:
             color = COLORS[k % len(COLORS)]
             if k > 0:
                 self._draw_path(follower.poses, color)
-            self._write(_said(follower, pose), 68 + 20 * k, color)
+            self._write(_label(follower, pose), 68 + 20 * k, color)
         self._pygame.display.flip()
 
     def _draw_path(self, poses: Sequence[Array], color: Color) -> None:
@@ -121,7 +121,7 @@ class DriveWindow:
         return (-self._shown, self._shown, -self._shown, self._shown)
 
 
-def _said(follower: Follower, pose: Array) -> str:
+def _label(follower: Follower, pose: Array) -> str:
     """Return an estimator's name and how far it is off (of a train, its axles in the mean), or why it has ended."""
     if follower.problem is not None:
         return f"{follower.name}: {follower.problem}"
