@@ -1,5 +1,6 @@
 """The window of a drive by hand: reads keys, moves the vehicle, draws truth and estimates, until the user closes it."""
 
+import os
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
@@ -14,7 +15,6 @@ from castor_envs.logs.recorder import RecordLog
 from castor_envs.rendering import Renderer
 from castor_envs.rendering.drawing.canvas import import_pygame
 from castor_envs.rendering.drawing.palette import BEAM, ESTIMATE, INK, ROUGH, SLIPPERY, Color
-from castor_envs.rendering.drawing.window import open_window
 
 SIZE = (900, 900)
 FPS = 30
@@ -24,6 +24,9 @@ COLORS: tuple[Color, ...] = (ESTIMATE, BEAM, ROUGH, SLIPPERY, INK)
 SHOWN = 2.0
 """m from the origin to the edge of the picture at first; it doubles whenever the vehicle comes near."""
 NEAR = 0.85
+
+UNSEEN, CHOSEN = "offscreen", "SDL_VIDEODRIVER"
+"""The driver that SDL takes by itself where there is no display, and the variable by which a user chooses one."""
 
 Events = Callable[[], Iterable[Any]]
 
@@ -42,7 +45,11 @@ class DriveWindow:
         self._renderer = Renderer(env.vehicle, env.floor, "rgb_array", FPS, SIZE, self._arena())
         self._pygame = import_pygame()
         try:
-            self._screen = open_window(SIZE)
+            self._pygame.display.init()
+            if self._pygame.display.get_driver() == UNSEEN and not os.environ.get(CHOSEN):
+                self._pygame.display.quit()
+                raise self._pygame.error("none that can be seen")
+            self._screen = self._pygame.display.set_mode(SIZE)
         except self._pygame.error as error:
             raise InputError(f"castor-bench drive found no display for its window ({error})") from None
         self._pygame.display.set_caption(title)

@@ -1,23 +1,9 @@
 """The window that pictures are shown in."""
 
-import os
 from typing import Any
 
 from castor_envs.errors import InputError
 from castor_envs.rendering.drawing.canvas import import_pygame
-
-UNSEEN, CHOSEN = "offscreen", "SDL_VIDEODRIVER"
-"""The driver that SDL takes by itself where there is no display, and the variable by which a user chooses one."""
-
-
-def open_window(size: tuple[int, int]) -> Any:
-    """Open pygame's window and return its surface; raises pygame.error where there is no display."""
-    pygame = import_pygame()
-    pygame.display.init()
-    if pygame.display.get_driver() == UNSEEN and not os.environ.get(CHOSEN):
-        pygame.display.quit()
-        raise pygame.error("none that can be seen")
-    return pygame.display.set_mode(size)
 
 
 class Window:
@@ -37,7 +23,8 @@ class Window:
         pygame = import_pygame()
         if self._window is None or pygame.display.get_surface() is not self._window:
             try:
-                self._window = open_window(self._size)
+                pygame.display.init()
+                self._window = pygame.display.set_mode(self._size)
             except pygame.error as error:
                 raise InputError(
                     f"render mode 'human' found no display for its window ({error}); 'rgb_array' needs none"
