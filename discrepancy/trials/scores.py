@@ -22,7 +22,7 @@ from discrepancy.trials.said import QUIET
 
 FORMAT = "castor-trial/3"
 
-MATTERS, COSTLY, SEPARATE, STRONG, LOUD = MATERIAL.position, 2e-3, 5.0, 8.0, 20.0
+MATTERS, COSTLY, SEPARATE, STRONG, STRONG_OUTSIDE = MATERIAL.position, 2e-3, 5.0, 8.0, 20.0
 """m per 10 m from which on a cost matters to a user; m per 10 m, z_sep and z from which on an effect should be named; z
 from which on an effect outside the catalogue should be flagged."""
 
@@ -161,9 +161,9 @@ RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial]
     (f"three effects, each {PLAIN}: named exactly", "three", Trial.plain, Trial.exact),
     ("  the truth in the credible sets", "three", Trial.plain, Trial.among),
     (
-        f"outside the catalogue, {MATTERING} and z {LOUD:g} or more: flagged",
+        f"outside the catalogue, {MATTERING} and z {STRONG_OUTSIDE:g} or more: flagged",
         "outside",
-        lambda case: case.least("cost") >= MATTERS and case.least("z") >= LOUD,
+        lambda case: case.least("cost") >= MATTERS and case.least("z") >= STRONG_OUTSIDE,
         lambda case: case.verdict == "unexplained" or case.outcome["unnamed"],
     ),
     ("outside the catalogue: a sure name", "outside", None, Trial.wrong),

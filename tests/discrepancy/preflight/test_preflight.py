@@ -236,7 +236,7 @@ def test_a_way_that_is_turned_by_a_wrong_pivot_is_no_mistake(gain):
 
 @pytest.mark.parametrize("off", [-0.2, 0.2])
 def test_a_module_that_is_toed_in_is_no_wrong_count(off):
-    """Where a swerve's modules do not turn, a third or five thirds of a count per turn is the same error of an angle."""
+    """Where a swerve's modules do not turn, a third or five thirds of the counts is the same error."""
     robot, ahead = preset("swerve"), Leg((np.cos(0.3), np.sin(0.3), 0.0), 9.0)
     rolled = roll(robot, Trajectory("ahead", (Run((ahead,), speed=0.5, acceleration=0.5),)))
     log = log_of(robot, PivotBias(castor=1, value=off), rolled=rolled)
