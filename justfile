@@ -31,10 +31,10 @@ bench *options:
 
 # Pictures and tables of the documents that are made from the code.
 docs:
-    {{python}} scripts/make_architecture.py
-    {{python}} scripts/make_effects_table.py
-    {{python}} scripts/make_schemas.py
+    {{python}} scripts/pictures/make_architecture.py
+    {{python}} scripts/tables/make_effects_table.py
+    {{python}} scripts/tables/make_schemas.py
 
 # docs/results.json and the tables of estimators, from a run of the whole benchmark.
 results folder="castor-results":
-    {{python}} scripts/make_results.py {{folder}}
+    {{python}} scripts/tables/make_results.py {{folder}}

@@ -22,7 +22,8 @@ def script_called():
     """Return a function that imports a script of the project by its name."""
 
     def imported(name):
-        spec = importlib.util.spec_from_file_location(name, SCRIPTS / f"{name}.py")
+        (path,) = SCRIPTS.rglob(f"{name}.py")
+        spec = importlib.util.spec_from_file_location(name, path)
         assert spec is not None
         assert spec.loader is not None
         module = importlib.util.module_from_spec(spec)

@@ -43,7 +43,7 @@ def rank(task):
 def test_tables_are_those_of_the_stored_results(script_called):
     script = script_called("make_results")
     pages = [path.read_text(encoding="utf-8") for path in script.PAGES]
-    assert [script.with_tables(page, FIGURES) for page in pages] == pages, "run python scripts/make_results.py"
+    assert [script.with_tables(page, FIGURES) for page in pages] == pages, "run python scripts/tables/make_results.py"
     for name in script.TABLES:
         assert sum(page.count(script.START.format(name)) for page in pages) == 1, name
 
@@ -51,7 +51,7 @@ def test_tables_are_those_of_the_stored_results(script_called):
 def test_the_table_of_trials_is_that_of_the_stored_ones(script_called):
     script = script_called("make_trial_tables")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
-    assert script.with_table(page, figures) == page, "run python scripts/make_trial_tables.py"
+    assert script.with_table(page, figures) == page, "run python scripts/tables/make_trial_tables.py"
     for trial in figures["trials"]:
         for rate in trial["rates"]:
             assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))
@@ -60,7 +60,7 @@ def test_the_table_of_trials_is_that_of_the_stored_ones(script_called):
 def test_the_table_of_drives_is_that_of_the_stored_scores(script_called):
     script = script_called("make_drive_tables")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
-    assert script.with_table(page, figures) == page, "run python scripts/make_drive_tables.py"
+    assert script.with_table(page, figures) == page, "run python scripts/tables/make_drive_tables.py"
     ratio = {
         of["task"]: np.median(of["scores"]["wheel-odometry"]) / np.median(of["scores"]["filter"])
         for of in figures["tasks"]
@@ -86,7 +86,7 @@ def test_the_table_of_drives_is_that_of_the_stored_scores(script_called):
 def test_the_table_of_the_filter_is_that_of_the_stored_means(script_called):
     script = script_called("study_filter")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
-    assert script.with_table(page, figures) == page, "run python scripts/study_filter.py"
+    assert script.with_table(page, figures) == page, "run python scripts/studies/study_filter.py"
     means = figures["means"]
     for board, of in means["filter"].items():  # what the page says
         assert of < means["wheel-odometry"][board], board
@@ -95,7 +95,7 @@ def test_the_table_of_the_filter_is_that_of_the_stored_means(script_called):
 def test_the_tables_of_the_train_filter_are_those_of_the_stored_means(script_called):
     script = script_called("study_train_filter")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
-    assert script.with_tables(page, figures) == page, "run python scripts/study_train_filter.py"
+    assert script.with_tables(page, figures) == page, "run python scripts/studies/study_train_filter.py"
     assert (list(figures["ingredients"]), list(figures["elsewhere"])) == (list(script.VARIANTS), list(script.OTHERS))
     for name, means in figures["elsewhere"].items():  # what the page says
         assert means["train-filter"] == min(means.values()), name
@@ -104,7 +104,7 @@ def test_the_tables_of_the_train_filter_are_those_of_the_stored_means(script_cal
 def test_the_table_of_measured_boards_is_that_of_the_stored_ones(script_called):
     script = script_called("make_measured_boards")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
-    assert script.with_table(page, figures) == page, "run python scripts/make_measured_boards.py"
+    assert script.with_table(page, figures) == page, "run python scripts/tables/make_measured_boards.py"
     assert figures["format"] == script.FORMAT
     versions = {task.name: (task.version, task.metric) for task in official_tasks()}
     of = {}
@@ -124,7 +124,7 @@ def test_the_table_of_measured_boards_is_that_of_the_stored_ones(script_called):
 def test_the_table_of_measured_robots_is_that_of_the_stored_sessions(script_called):
     script = script_called("study_measured_robots")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
-    assert script.with_table(page, figures) == page, "run python scripts/study_measured_robots.py DATA"
+    assert script.with_table(page, figures) == page, "run python scripts/studies/study_measured_robots.py DATA"
     assert figures["format"] == script.FORMAT
     assert len({row["session"] for row in figures["sessions"]}) == len(figures["sessions"])
 
@@ -137,7 +137,7 @@ def test_stored_results_are_of_the_official_tasks():
                 task.version,
                 task.metric,
                 list(task.cases()),
-            ), "castor-bench run, then python scripts/make_results.py"
+            ), "castor-bench run, then python scripts/tables/make_results.py"
     assert set(BOARDS) <= {task.name for task in official_tasks()}
 
 

@@ -46,7 +46,7 @@ def test_the_failure_that_a_page_tells_is_shown_by_a_test_that_exists(page):
 
 
 def test_figures_of_pages_are_those_of_their_estimators(pictures):
-    """If this fails, an estimator has changed: run scripts/make_estimator_pictures.py."""
+    """If this fails, an estimator has changed: run scripts/pictures/make_estimator_pictures.py."""
     assert set(pictures.PICTURES) == set(PAGES)
     for page in PAGES:
         assert f"\n{pictures.sentence(page)}\n" in PAGES[page], page

@@ -65,8 +65,8 @@ def script(script_called):
 
 
 def test_schemas_and_tables_are_up_to_date(script):
-    assert script.schemas() == SCHEMAS, "run: python scripts/make_schemas.py"
-    assert script.with_tables(PAGE) == PAGE, "run: python scripts/make_schemas.py"
+    assert script.schemas() == SCHEMAS, "run: python scripts/tables/make_schemas.py"
+    assert script.with_tables(PAGE) == PAGE, "run: python scripts/tables/make_schemas.py"
 
 
 @pytest.mark.parametrize("name", SCHEMAS)

@@ -127,4 +127,4 @@ def test_no_folder_is_crowded():
 
 def test_the_picture_of_the_architecture_is_up_to_date(script_called):
     drawn = script_called("make_architecture")
-    assert drawn.picture() == drawn.PICTURE.read_text(encoding="utf-8"), "run: python scripts/make_architecture.py"
+    assert drawn.picture() == drawn.PICTURE.read_text(encoding="utf-8"), "run make_architecture.py"

@@ -60,7 +60,7 @@ def test_a_data_set_is_recorded(tmp_path, monkeypatch, capsys):
 
 def test_table_and_picture_are_of_the_stored_figures(made):
     assert FIGURES["format"] == made.FORMAT
-    assert made.with_table(PAGE, FIGURES) == PAGE, "run python scripts/train_policies.py --draw"
+    assert made.with_table(PAGE, FIGURES) == PAGE, "run python scripts/studies/train_policies.py --draw"
     assert list(FIGURES["trained"]) == list(made.PLANS)
     for name, run in FIGURES["trained"].items():
         assert {key: run[key] for key in dataclasses.asdict(made.PLANS[name])} == dataclasses.asdict(made.PLANS[name])

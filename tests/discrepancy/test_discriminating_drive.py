@@ -141,7 +141,7 @@ def test_nothing_is_proposed_for_a_single_effect():
 
 @pytest.mark.slow
 def test_the_proposed_drive_names_what_circles_cannot(tmp_path, capsys):
-    """By the command, its file and a second log; scripts/study_separating_drives.py measures how often."""
+    """By the command, its file and a second log; scripts/studies/study_separating_drives.py measures how often."""
     robot, log = preset("differential"), tmp_path / "first.csv"
     real = robot.with_effects(WheelRadius(castor=1, wheel=1, value=-0.004))
     first = drive(real, motion(robot, "circles", 2, 20.0), 4, duration=20.0)

@@ -61,7 +61,7 @@ def test_a_straight_line_grows_with_the_power_of_one(script):
 def test_page_and_picture_show_the_stored_curves(script):
     page, curves = script.PAGE.read_text(encoding="utf-8"), json.loads(script.CURVES.read_text(encoding="utf-8"))
     assert curves["format"] == "castor-growth/1"
-    assert script.with_table(page, curves) == page, "run python scripts/make_growth_plot.py"
+    assert script.with_table(page, curves) == page, "run python scripts/pictures/make_growth_plot.py"
     assert f"growth.json {script.digest(curves)}" in script.PICTURE.read_text(encoding="utf-8")
 
 

@@ -104,6 +104,6 @@ def test_the_pages_show_the_stored_figures(script_called):
     script = script_called("make_speed_table")
     page, stored = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
     assert stored["format"] == "castor-speed/1"
-    assert script.with_table(page, stored) == page, "run python scripts/make_speed_table.py"
+    assert script.with_table(page, stored) == page, "run python scripts/tables/make_speed_table.py"
     page = script.CLUSTERS.read_text(encoding="utf-8")
-    assert script.with_million(page, stored) == page, "run python scripts/make_speed_table.py"
+    assert script.with_million(page, stored) == page, "run python scripts/tables/make_speed_table.py"

@@ -625,7 +625,7 @@ def test_a_controller_sees_what_the_sensors_report():
 def test_the_page_is_up_to_date(script_called):
     module = script_called("make_effects_table")
     page = (ROOT / "docs" / "effects.md").read_text(encoding="utf-8")
-    assert module.with_tables(page) == page, "run python scripts/make_effects_table.py"
+    assert module.with_tables(page) == page, "run python scripts/tables/make_effects_table.py"
     for name in (*EFFECTS, *TRAIN_EFFECTS):
         assert page.count(f"\n| `{name}` |") == 1
 

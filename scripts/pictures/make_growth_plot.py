@@ -1,4 +1,4 @@
-"""Draw docs/growth.svg and write the table of docs/growth.md: ``python scripts/make_growth_plot.py``.
+"""Draw docs/growth.svg and write the table of docs/growth.md: ``python scripts/pictures/make_growth_plot.py``.
 
 The curves are those of one machine: ``castor-bench speed --growth --json > docs/growth.json`` measures them again.
 """
@@ -9,9 +9,9 @@ import math
 from pathlib import Path
 from typing import Any
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, PICTURE, CURVES = DOCS / "growth.md", DOCS / "growth.svg", DOCS / "growth.json"
-START, END = "<!-- table: made by scripts/make_growth_plot.py -->\n", "<!-- end of table -->\n"
+START, END = "<!-- table: made by scripts/pictures/make_growth_plot.py -->\n", "<!-- end of table -->\n"
 
 
 def steepness(curve: dict[str, Any]) -> float | None:

@@ -1,7 +1,7 @@
 """Write docs/drives.json from a results folder, and the table of drives in docs/benchmark.md from that.
 
     castor-bench run --group manoeuvres ... --cases 12 --results drives
-    python scripts/make_drive_tables.py drives
+    python scripts/tables/make_drive_tables.py drives
 
 Drives take hours in full, so that a table may be of fewer cases than the official ones; it says how many.
 """
@@ -20,9 +20,9 @@ from benchmarks.tasks.driving.task import KINDS, ROBOTS, DrivenRobot
 from castor_envs.files import write_atomically
 
 FORMAT = "castor-drives/1"
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "benchmark.md", DOCS / "drives.json"
-START, END = "<!-- table drives: made by scripts/make_drive_tables.py -->\n", "<!-- end of table -->\n"
+START, END = "<!-- table drives: made by scripts/tables/make_drive_tables.py -->\n", "<!-- end of table -->\n"
 SHOWN = ("wheel-odometry", "filter", CEILING)
 NAMES = {CEILING: "oracle"}
 

@@ -1,4 +1,4 @@
-"""Write the table of docs/speed.md and the figures of docs/clusters.md: ``python scripts/make_speed_table.py``.
+"""Write the table of docs/speed.md and the figures of docs/clusters.md: ``python scripts/tables/make_speed_table.py``.
 
 The figures are those of one machine: ``castor-bench speed --json > docs/speed.json`` measures them again.
 """
@@ -7,10 +7,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, CLUSTERS, FIGURES = DOCS / "speed.md", DOCS / "clusters.md", DOCS / "speed.json"
-START, END = "<!-- table: made by scripts/make_speed_table.py -->\n", "<!-- end of table -->\n"
-BEGUN, ENDED = "<!-- figures: made by scripts/make_speed_table.py -->\n", "<!-- end of figures -->\n"
+START, END = "<!-- table: made by scripts/tables/make_speed_table.py -->\n", "<!-- end of table -->\n"
+BEGUN, ENDED = "<!-- figures: made by scripts/tables/make_speed_table.py -->\n", "<!-- end of figures -->\n"
 
 
 def with_table(page: str, stored: dict[str, Any]) -> str:

@@ -1,6 +1,6 @@
 """Doebbler's eqs. 1-9 and maximum likelihood on the same robots: what each leaves of Table I's parameter errors.
 
-    python scripts/compare_calibrations.py --sets 1000
+    python scripts/studies/compare_calibrations.py --sets 1000
 
 The base turns once about each castor's pivot, both ways, in perfect rolling; counts are rounded; distances between
 pivots are known exactly. Steady: the castors have swung in before the log begins. Swinging: they begin at random angles

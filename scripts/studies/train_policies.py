@@ -1,8 +1,8 @@
 """Train policies by PPO on a slippery floor, and show how far they get beside scripted drivers.
 
-    python scripts/train_policies.py                  train all, anew: CPU time is in the table (needs the extra "rl")
-    python scripts/train_policies.py --only NAME      train one of PLANS again, keep the others
-    python scripts/train_policies.py --draw           make the picture and the table again from the stored figures
+    python scripts/studies/train_policies.py              train all, anew; needs the extra "rl"
+    python scripts/studies/train_policies.py --only NAME  train one of PLANS again, keep the others
+    python scripts/studies/train_policies.py --draw       make the picture and the table again from the stored figures
 
 Writes docs/policies.json, docs/policies.png and the table of docs/policies.md. `--save FOLDER` keeps the policies, as
 FOLDER/NAME.zip. One thread, one process: the same seed on the same machine gives the same policy.
@@ -27,9 +27,9 @@ from castor_envs.envs.driving.tracking import AHEAD
 from castor_envs.files import write_atomically
 from castor_envs.geometry.arrays import Array
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES, PICTURE = DOCS / "policies.md", DOCS / "policies.json", DOCS / "policies.png"
-START, END = "<!-- table: made by scripts/train_policies.py -->\n", "<!-- end of table -->\n"
+START, END = "<!-- table: made by scripts/studies/train_policies.py -->\n", "<!-- end of table -->\n"
 FORMAT, FLOOR, SEED = "castor-policies/1", "slippery", 0
 
 SHOWN, JUDGED = range(20_000, 20_005), range(10_000, 10_020)

@@ -1,6 +1,6 @@
 """How often the drive that castor-diagnose proposes resolves an ambiguous answer (docs/diagnosis-trials.md).
 
-python scripts/study_separating_drives.py [--cases 10] [--seed 0] [--robots differential ...]
+python scripts/studies/study_separating_drives.py [--cases 10] [--seed 0] [--robots differential ...]
 
 Each case hides an effect of the catalogue, of 20 to 100 tolerances, in a log of 20 s of straight lines to and fro or of
 one circle after another. Where the answer is ambiguous and a drive is proposed, the robot drives it, from its file, and

@@ -1,4 +1,4 @@
-"""Draw the rooms of the house and their imports, docs/architecture.svg: ``python scripts/make_architecture.py``.
+"""Draw docs/architecture.svg, rooms of the house and imports: ``python scripts/pictures/make_architecture.py``.
 
 A room is a folder of one of the four packages, or a module that stands in none. A line means that the upper room
 imports the lower one; where a longer way says the same (A imports B, B imports C, so A may import C), the short one is
@@ -9,7 +9,7 @@ import ast
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PICTURE = ROOT / "docs" / "architecture.svg"
 COLORS = {
     "castor_envs": "#00629b",

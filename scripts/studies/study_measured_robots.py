@@ -1,6 +1,6 @@
 """How much of the gap of measured robots the finder leaves, and how much a fit of a few parameters leaves.
 
-    python scripts/study_measured_robots.py DATA [--only NAME...] [--add] [--plain]
+    python scripts/studies/study_measured_robots.py DATA [--only NAME...] [--add] [--plain]
 
 DATA holds the folder `optiodom` (`castor_envs.logs.importers.optiodom`). The runs of every session are taken
 alternately for calibration and as held-out runs, those that turn left and those that turn right each by themselves if
@@ -34,9 +34,9 @@ from discrepancy.diagnose import examine
 from discrepancy.validation.cost import odometry
 
 FORMAT = "castor-measured/1"
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "measured.json"
-START, END = "<!-- table: made by scripts/study_measured_robots.py -->\n", "<!-- end of measured table -->\n"
+START, END = "<!-- table: made by scripts/studies/study_measured_robots.py -->\n", "<!-- end of measured table -->\n"
 
 CLOCK = np.array([0.5, 0.003])
 """s and s/s: how far the clocks of reference and encoders are apart, at the start of a run and in rate. The times of

@@ -1,6 +1,6 @@
 """How often ranks split boards of equally good estimators, and how often intervals cover: tables of docs/benchmark.md.
 
-python scripts/study_ranking.py [--boards 1000] [--samples 2000]
+python scripts/studies/study_ranking.py [--boards 1000] [--samples 2000]
 """
 
 import argparse

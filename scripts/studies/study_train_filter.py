@@ -1,6 +1,6 @@
 """What each ingredient of train-filter gives, and how it does on other trains: two tables of docs/trains.md.
 
-    python scripts/study_train_filter.py [--cases 20] [--others 8]     (10 min of CPU)
+    python scripts/studies/study_train_filter.py [--cases 20] [--others 8]     (10 min of CPU)
 
 Writes docs/train_filter.json and the tables. Seeds are those of neither boards nor tuning; runs and scores are the
 benchmark's own.
@@ -29,9 +29,9 @@ from castor_envs.vehicles.train import TrainDescription
 from estimators import load_estimator
 from estimators.trains import train_filter
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "trains.md", DOCS / "train_filter.json"
-START, END = "<!-- table {}: made by scripts/study_train_filter.py -->\n", "<!-- end of table -->\n"
+START, END = "<!-- table {}: made by scripts/studies/study_train_filter.py -->\n", "<!-- end of table -->\n"
 FORMAT, FIRST_SEED = "castor-train-filter-figures/1", 900_000
 METRIC = "mean_axle_position"
 ESTIMATORS = ("train-filter", "train-odometry", "grpec-xy", "inlier-least-squares")

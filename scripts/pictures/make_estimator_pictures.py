@@ -1,6 +1,6 @@
 """Draw the picture of every page in docs/estimators, and write the sentence below it that says what it shows.
 
-    python scripts/make_estimator_pictures.py [PAGE...]     (20 s of CPU)
+    python scripts/pictures/make_estimator_pictures.py [PAGE...]     (20 s of CPU)
 
 Each picture is of one recorded case that no board scores: on the left the true way (grey) and the estimated one, on the
 right the position error over time. `PICTURES` says which case a page shows, and which estimators of it.
@@ -22,8 +22,8 @@ from castor_envs.files import write_atomically
 from castor_envs.geometry.arrays import Array
 from estimators import load_estimator
 
-PAGES = Path(__file__).parents[1] / "docs" / "estimators"
-START, END = "<!-- picture: made by scripts/make_estimator_pictures.py -->\n", "<!-- end of picture -->\n"
+PAGES = Path(__file__).parents[2] / "docs" / "estimators"
+START, END = "<!-- picture: made by scripts/pictures/make_estimator_pictures.py -->\n", "<!-- end of picture -->\n"
 CASE = 900_000
 """The first of the seeds that no board scores."""
 

@@ -1,6 +1,6 @@
 """Make docs/train-filter.png: estimate and truth before, while and after an axle of a train slips.
 
-Run from the repository: ``python scripts/make_train_picture.py``.
+Run from the repository: ``python scripts/pictures/make_train_picture.py``.
 """
 
 import warnings
@@ -97,7 +97,7 @@ def main():
     for axes in panels[:, 0]:
         axes.set_ylabel("y, m")
     panels[0, 0].legend(loc="best", fontsize="small")
-    figure.savefig(Path(__file__).parents[1] / "docs" / "train-filter.png", metadata={"Software": None})
+    figure.savefig(Path(__file__).parents[2] / "docs" / "train-filter.png", metadata={"Software": None})
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Write docs/trials.json from the folders of trials, and the table of docs/diagnosis-trials.md from that.
 
-    castor-diagnose trial --out FOLDER && python scripts/make_trial_tables.py FOLDER...
+    castor-diagnose trial --out FOLDER && python scripts/tables/make_trial_tables.py FOLDER...
 
 They come before what is stored already. Without folders, the table is made anew.
 """
@@ -14,9 +14,9 @@ from castor_envs.files import write_atomically
 from discrepancy.trials.scores import report
 
 FORMAT = "castor-trial-figures/1"
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "trials.json"
-START, END = "<!-- table: made by scripts/make_trial_tables.py -->\n", "<!-- end of table -->\n"
+START, END = "<!-- table: made by scripts/tables/make_trial_tables.py -->\n", "<!-- end of table -->\n"
 
 Figures = dict[str, Any]
 

@@ -1,6 +1,6 @@
 """What each ingredient of the filter gives, on seeds of neither boards nor tuning: the table of docs/estimators.md.
 
-    python scripts/study_filter.py [--cases 12]     (4 min of CPU)
+    python scripts/studies/study_filter.py [--cases 12]     (4 min of CPU)
 
 Writes docs/filter.json and the table. Squares are those of the official tasks, also of other robots.
 """
@@ -26,9 +26,9 @@ from castor_envs.vehicles.tolerances import Tolerances
 from estimators import load_estimator
 from estimators.robots import calibrating_filter
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "estimators.md", DOCS / "filter.json"
-START, END = "<!-- table: made by scripts/study_filter.py -->\n", "<!-- end of table -->\n"
+START, END = "<!-- table: made by scripts/studies/study_filter.py -->\n", "<!-- end of table -->\n"
 FORMAT, FIRST_SEED = "castor-filter-figures/1", 600_000
 
 NOTHING = Tolerances(radius=1e-9, lateral=1e-9, offset=1e-9, pivot=1e-9, pivot_zero=1e-9)

@@ -1,7 +1,7 @@
 """Write docs/measured_boards.json from a results folder, and the table of docs/benchmark.md from that.
 
     castor-bench run --group measured-drives --measured DIR --results RESULTS
-    python scripts/make_measured_boards.py [RESULTS]
+    python scripts/tables/make_measured_boards.py [RESULTS]
 
 Its cases are those of the folder DIR, so they are stored with the scores. Without RESULTS the table alone is written.
 """
@@ -19,9 +19,9 @@ from benchmarks.tasks.measured_runs import tasks
 from castor_envs.files import write_atomically
 
 FORMAT = "castor-measured-boards/1"
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "benchmark.md", DOCS / "measured_boards.json"
-START, END = "<!-- table: made by scripts/make_measured_boards.py -->\n", "<!-- end of measured boards -->\n"
+START, END = "<!-- table: made by scripts/tables/make_measured_boards.py -->\n", "<!-- end of measured boards -->\n"
 DIGITS = 10
 
 

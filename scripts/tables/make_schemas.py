@@ -1,6 +1,6 @@
 """Write the JSON schemas in docs/schemas and the tables in docs/formats.md, from the classes that read the files.
 
-Run: ``python scripts/make_schemas.py``.
+Run: ``python scripts/tables/make_schemas.py``.
 """
 
 import json
@@ -14,9 +14,9 @@ from castor_envs.description import schema_of
 from castor_envs.logs.mapping import channel_map
 from castor_envs.vehicles import robot, train
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGE, SCHEMAS = DOCS / "formats.md", DOCS / "schemas"
-START, END = "<!-- {}: made by scripts/make_schemas.py -->\n", "<!-- end of {} -->\n"
+START, END = "<!-- {}: made by scripts/tables/make_schemas.py -->\n", "<!-- end of {} -->\n"
 KINDS = {
     robot.FORMAT: robot.RobotDescription,
     train.FORMAT: train.TrainDescription,

@@ -1,4 +1,4 @@
-"""Make the moving pictures of README and docs: ``python scripts/make_animations.py`` writes docs/pictures/*.gif.
+"""Make the moving pictures of README and docs, docs/pictures/*.gif: ``python scripts/pictures/make_animations.py``.
 
 Each is an episode of an environment. In those whose agent is an estimator, the estimate is CAST's or the train
 filter's; in the others the scripted driver drives. The floor of the square has cables and a slippery patch.
@@ -14,7 +14,7 @@ import castor_envs  # noqa: F401 - registers the environments
 from castor_envs.floor import Cable, Floor, Patch
 from estimators.plugins.registry import load_estimator
 
-FOLDER = Path(__file__).parents[1] / "docs" / "pictures"
+FOLDER = Path(__file__).parents[2] / "docs" / "pictures"
 FLOOR = Floor(
     patches=(Patch(center=(1.5, 0.3), size=(0.6, 0.6), friction=0.025),),
     cables=tuple(

@@ -1,6 +1,6 @@
 """Make docs/umbmark.png: a square driven over a slippery patch, and return errors of four estimators.
 
-Run from the repository: ``.venv/bin/python scripts/make_picture.py``.
+Run from the repository: ``.venv/bin/python scripts/pictures/make_picture.py``.
 """
 
 from pathlib import Path
@@ -76,7 +76,7 @@ def main():
     right.set_ylabel("return error y, mm")
     right.set_title(f"UMBmark, calibrated robot files, {SETS} parameter sets", fontsize=11)
     right.legend(fontsize=7, ncols=4, loc="upper center", columnspacing=0.8, handletextpad=0.1)
-    figure.savefig(Path(__file__).parents[1] / "docs" / "umbmark.png")
+    figure.savefig(Path(__file__).parents[2] / "docs" / "umbmark.png")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Write the tables of effects into docs/effects.md, from the classes. Run: ``python scripts/make_effects_table.py``."""
+"""Write the tables of effects of docs/effects.md, from the classes: ``python scripts/tables/make_effects_table.py``."""
 
 from pathlib import Path
 from typing import get_args
@@ -6,8 +6,8 @@ from typing import get_args
 from castor_envs.effects.catalogue import table
 from castor_envs.vehicles.effect import Scope
 
-PAGE = Path(__file__).parents[1] / "docs" / "effects.md"
-START, END = "<!-- tables: made by scripts/make_effects_table.py -->\n", "<!-- end of tables -->\n"
+PAGE = Path(__file__).parents[2] / "docs" / "effects.md"
+START, END = "<!-- tables: made by scripts/tables/make_effects_table.py -->\n", "<!-- end of tables -->\n"
 
 
 def with_tables(page: str) -> str:

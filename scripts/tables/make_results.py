@@ -1,6 +1,6 @@
 """Write docs/results.json from a results folder, and the tables of docs/benchmark.md and docs/trains.md from that.
 
-    castor-bench run --measured DIR && python scripts/make_results.py [RESULTS]
+    castor-bench run --measured DIR && python scripts/tables/make_results.py [RESULTS]
 
 RESULTS is the folder that `castor-bench run` wrote, castor-results by default. It must hold all official cases; tasks
 on measured data may be missing.
@@ -21,10 +21,10 @@ from benchmarks.tasks import official_tasks
 from castor_envs.files import write_atomically
 
 FORMAT = "castor-figures/1"
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 PAGES = (DOCS / "benchmark.md", DOCS / "trains.md")
 FIGURES = DOCS / "results.json"
-START, END = "<!-- table {}: made by scripts/make_results.py -->\n", "<!-- end of table -->\n"
+START, END = "<!-- table {}: made by scripts/tables/make_results.py -->\n", "<!-- end of table -->\n"
 DIGITS = 10
 """Significant digits of what is stored: more than any page shows, fewer than differ between machines."""
 
