@@ -14,7 +14,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen, size_of
-from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
+from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE
 from discrepancy.posterior.priors import bounds_of, directions_in_model
 from discrepancy.posterior.random_effects import Statistics, summed
 
@@ -150,7 +150,7 @@ def refitted(
         current, seen = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen)
         if current == previous:  # no step is any better
             break
-    if not seen.redundant and seen.log_evidence > threshold:
+    if seen.log_evidence > threshold:
         current, seen = _stretched(vehicle, look, current, seen)
     return current, seen
 
@@ -159,9 +159,12 @@ def _stretched(vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S)
     """Return effects of sizes multiplied or divided by `STRETCH` as often as that makes the logs likelier.
 
     Where encoders cannot contradict each other, what a size leaves unexplained passes for noise, beside which Newton's
-    method takes it for right: noise and size would have to change together.
+    method takes it for right: noise and size would have to change together. So it is with effects so large that the
+    error of their signatures exceeds noise, on any vehicle.
     """
     for k, effect in enumerate(current):
+        if seen.redundant and not _is_large(effect, seen):
+            continue
         for factor in (STRETCH, 1 / STRETCH):
             stretches = 0
             while stretches < REFITS and not effect.candidate.kinds[0].binary:
@@ -173,6 +176,12 @@ def _stretched(vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S)
             if stretches:
                 break
     return current, seen
+
+
+def _is_large(effect: Sized, seen: Seen) -> bool:
+    """Whether an effect in the model explains so much that the error of its signature exceeds noise."""
+    size = sizes_of([effect], seen)
+    return float(size @ summed(seen.logs).information @ size) * SIGNATURE**2 > 1
 
 
 def exchanged(
