@@ -132,6 +132,19 @@ def refitted(
         if found is None:
             return (), seen
         seen = found
+    current, seen = _newton(vehicle, look, current, seen, threshold)
+    if seen.log_evidence > threshold:
+        longer, beside = _stretched(vehicle, look, current, seen)
+        if longer != current:
+            return _newton(vehicle, look, longer, beside, threshold)
+    return current, seen
+
+
+def _newton(
+    vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, threshold: float
+) -> tuple[tuple[Sized, ...], S]:
+    """Return effects of sizes by Newton's method, each step of which makes the logs likelier; threshold: see
+    `refitted`."""
     for step in range(REFITS):
         shown = set(seen.candidates)  # no longer an effect that leaves no trace in the fitted states
         current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
@@ -150,8 +163,6 @@ def refitted(
         current, seen = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen)
         if current == previous:  # no step is any better
             break
-    if seen.log_evidence > threshold:
-        current, seen = _stretched(vehicle, look, current, seen)
     return current, seen
 
 
@@ -180,6 +191,8 @@ def _stretched(vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S)
 
 def _is_large(effect: Sized, seen: Seen) -> bool:
     """Whether an effect in the model explains so much that the error of its signature exceeds noise."""
+    if effect.candidate not in seen.candidates:
+        return False
     size = sizes_of([effect], seen)
     return float(size @ summed(seen.logs).information @ size) * SIGNATURE**2 > 1
 
