@@ -95,9 +95,8 @@ def _windows(geometry: Geometry, log: Log, rows: NDArray[np.intp]) -> tuple[Arra
     assert log.reference is not None
     t, pose, driven = np.asarray(log.t)[rows], np.asarray(log.reference)[rows], ~np.isnan(geometry.counts_per_rev)
     castor = np.tile(geometry.known_angle, (len(rows), 1))
-    turn = geometry.pivot_counts_per_rev[geometry.sensed]
-    castor[:, geometry.sensed] = _unwrapped(np.asarray(log.pivot), turn)[rows] * 2 * np.pi / turn
-    castor[:, geometry.sensed] -= geometry.pivot_zero[geometry.sensed]
+    read = np.asarray(log.pivot) * (2 * np.pi / geometry.pivot_counts_per_rev[geometry.sensed])
+    castor[:, geometry.sensed] = np.unwrap(read, axis=0)[rows] - geometry.pivot_zero[geometry.sensed]
     a, b = (part[:, : len(driven)] for part in constraint_matrix(geometry, (castor[1:] + castor[:-1]) / 2))
     moved = np.diff(pose, axis=0)
     moved[:, :2] = rotate(moved[:, :2], -(pose[1:, 2] + pose[:-1, 2]) / 2)
@@ -112,11 +111,6 @@ def _windows(geometry: Geometry, log: Log, rows: NDArray[np.intp]) -> tuple[Arra
         np.add.at(total, window, part[steps])
         sums.append(total)
     return sums[0], sums[1], sums[2]
-
-
-def _unwrapped(counts: Array, turn: Array) -> Array:
-    """Return counts (K, s) of pivots that have `turn` (s,) of them a turn, each step the shorter way round."""
-    return counts - np.cumsum(np.round(np.diff(counts, axis=0, prepend=counts[:1]) / turn), axis=0) * turn
 
 
 def _most(rolled: Array) -> Array:
