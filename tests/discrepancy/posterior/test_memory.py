@@ -32,10 +32,10 @@ def peak_of(robot, minutes, again=False):
 
 def test_memory_grows_by_no_more_than_seven_kilobytes_a_sample():
     """As arrays, the columns of the robot's 240 amplitudes and of what creep masks of each took many times as much."""
-    (short, least), (long, most) = (peak_of(preset("asoc-prototype"), minutes) for minutes in (1, 2))
+    (short, least), (long, most) = (peak_of(preset("asoc-prototype"), minutes) for minutes in (0.5, 1.0))
     assert most - least < MOST * (long - short)
 
 
 def test_noise_is_estimated_anew_one_round_at_a_time():
-    (short, least), (long, most) = (peak_of(preset("asoc-prototype"), minutes, again=True) for minutes in (1, 2))
+    (short, least), (long, most) = (peak_of(preset("asoc-prototype"), minutes, again=True) for minutes in (0.5, 1.0))
     assert most - least < MOST * (long - short)
