@@ -15,6 +15,7 @@ bristles that have yet to build up their force (a relaxation length of rolling, 
 
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,55 +85,77 @@ def contact_places(robot: RobotDescription, motion: Motion) -> Array:
 
 
 def creep(robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0) -> Slip:
-    """Return by how much a robot's contacts creep in a motion on a floor, of which only the slope matters.
-
-    creep_compliance: m/s for each N, at which contacts slip in addition to their creep in rolling. Disagreement between
-    wheels that changes from step to step makes them creep less: bristles absorb it.
-    """
-    geometry, w = Geometry.of(robot), len(robot.wheels)
-    carrying, speed, _ = _slipping(robot, motion, floor, creep_compliance)
-    slip = np.zeros((len(speed), 2 * w))
-    slip[:, carrying] = speed * motion.period[:, None]
-    side = np.zeros_like(motion.half_way)
-    side[:, geometry.wheel_castor[geometry.standard]] = slip[:, w:][:, geometry.standard]
-    return Slip(slip[:, :w], side)
+    """Return by how much a robot's contacts creep in a motion; arguments as of `ForceBalance`."""
+    return ForceBalance(robot, motion, floor, creep_compliance).creep(agree=motion.consistent_wheels)
 
 
-def yields(robot: RobotDescription, motion: Motion, floor: Floor) -> Array:
-    """Return how much contacts yield in each step (K - 1, 2w), m/s for each N, in the order of `contact_paths`: those
-    beyond the friction circle by as much as they slide; 0 where a contact carries no force."""
-    carrying, _, carried = _slipping(robot, motion, floor)
-    found = np.zeros((len(carried), 2 * len(robot.wheels)))
-    found[:, carrying] = carried
-    return found
+class ForceBalance:
+    """The balance of forces on a robot's contacts in a motion, from which it follows how far they creep."""
 
+    def __init__(self, robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0) -> None:
+        """floor: of it only the slope matters. creep_compliance: m/s for each N, at which contacts slip in addition to
+        their creep in rolling. Raises InputError for a robot that cannot stand by itself."""
+        geometry, w = Geometry.of(robot), len(robot.wheels)
+        by_body, by_castor = constraint_matrix(geometry, motion.half_way)
+        of_wheel = np.tile(geometry.wheel_castor, 2)
+        path = contact_paths(robot, motion)
 
-def _slipping(
-    robot: RobotDescription, motion: Motion, floor: Floor, creep_compliance: float = 0.0
-) -> tuple[NDArray[np.intp], Array, Array]:
-    """Return the rows of `contact_paths` that carry forces; and how fast these slip, m/s, and how much they yield, m/s
-    for each N (K - 1, rows). Arguments as of `creep`."""
-    geometry, w = Geometry.of(robot), len(robot.wheels)
-    by_body, by_castor = constraint_matrix(geometry, motion.half_way)
-    of_wheel = np.tile(geometry.wheel_castor, 2)
-    path = contact_paths(robot, motion)
+        free = np.flatnonzero(~geometry.fixed & ~geometry.driven)
+        rows = np.concatenate([by_body, by_castor[..., None] * (of_wheel[:, None] == free)], axis=-1)
+        carrying = np.flatnonzero(np.concatenate([~np.isnan(geometry.counts_per_rev), geometry.standard]))
 
-    free = np.flatnonzero(~geometry.fixed & ~geometry.driven)
-    rows = np.concatenate([by_body, by_castor[..., None] * (of_wheel[:, None] == free)], axis=-1)
-    carrying = np.flatnonzero(np.concatenate([~np.isnan(geometry.counts_per_rev), geometry.standard]))
-    rows = rows[:, carrying]
+        speed = motion.averaged(np.abs(path[:, :w]) / motion.period[:, None])
+        speed = np.maximum(speed, LEAST * speed.max(axis=1, keepdims=True)) + STANDING
+        contact, loads = robot.contact, wheel_loads(robot, floor.normal_gravity)
+        stiffness = np.concatenate([contact.slip_stiffness_long * loads, contact.slip_stiffness_lat * loads])
+        path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
+        self._geometry, self._motion, self._carrying, self._path = geometry, motion, carrying, path
+        self._rows, self._rolling = rows[:, carrying], (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
+        self._needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
+        self._limits = (contact.friction * loads)[carrying % w]
+        self._most = np.maximum(speed.max(axis=1, keepdims=True) / (self._rolling * self._limits), 1.0)
 
-    speed = motion.averaged(np.abs(path[:, :w]) / motion.period[:, None])
-    speed = np.maximum(speed, LEAST * speed.max(axis=1, keepdims=True)) + STANDING
-    contact, loads = robot.contact, wheel_loads(robot, floor.normal_gravity)
-    stiffness = np.concatenate([contact.slip_stiffness_long * loads, contact.slip_stiffness_lat * loads])
-    yields = (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
-    needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
-    path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
-    seen = motion.averaged(path[:, carrying] / motion.period[:, None] * (not motion.consistent_wheels))
-    limits = (contact.friction * loads)[carrying % w]
-    most = np.maximum(speed.max(axis=1, keepdims=True) / (yields * limits), 1.0)
-    return carrying, *_within_friction(rows, seen, needed, yields, limits, most, carrying % w)
+    def creep(self, known: Array | None = None, agree: bool = False) -> Slip:
+        """Return by how much contacts creep.
+
+        Disagreement between wheels that changes from step to step makes them creep less: bristles absorb it. known
+        (K - 1, w): m by which contacts move further than wheels roll for another reason. agree: whether wheels agree,
+        so that contacts creep under the forces of the motion alone.
+        """
+        geometry, w = self._geometry, len(self._geometry.radius)
+        if known is None and not agree:
+            speed, _ = self._as_seen
+        elif agree:
+            speed, _ = self._slipping(np.zeros_like(self._rolling))
+        else:
+            speed, _ = self._slipping(self._seen(self._path - np.pad(known, ((0, 0), (0, w)))))
+        slip = np.zeros((len(speed), 2 * w))
+        slip[:, self._carrying] = speed * self._motion.period[:, None]
+        side = np.zeros_like(self._motion.half_way)
+        side[:, geometry.wheel_castor[geometry.standard]] = slip[:, w:][:, geometry.standard]
+        return Slip(slip[:, :w], side)
+
+    @property
+    def yields(self) -> Array:
+        """How much contacts yield in each step (K - 1, 2w), m/s for each N, in the order of `contact_paths`: those
+        beyond the friction circle by as much as they slide; 0 where a contact carries no force."""
+        found = np.zeros(self._path.shape)
+        found[:, self._carrying] = self._as_seen[1]
+        return found
+
+    @cached_property
+    def _as_seen(self) -> tuple[Array, Array]:
+        """How fast contacts slip, m/s, and how much they yield (K - 1, rows), where wheels roll as they turn."""
+        return self._slipping(self._seen(self._path))
+
+    def _seen(self, path: Array) -> Array:
+        """Return how fast contacts are seen to slip (K - 1, rows), m/s, by how far they move beyond what wheels
+        roll."""
+        return self._motion.averaged(path[:, self._carrying] / self._motion.period[:, None])
+
+    def _slipping(self, seen: Array) -> tuple[Array, Array]:
+        wheel = self._carrying % len(self._geometry.radius)
+        return _within_friction(self._rows, seen, self._needed, self._rolling, self._limits, self._most, wheel)
 
 
 def _within_friction(

@@ -14,12 +14,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.weight import wheel_loads
 from estimators.calibration.parameters import Parameter, robot_with
-from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping, stiffness_of
+from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping
 from estimators.likelihood.disagreement import Disagreement
 from estimators.likelihood.log_likelihood import LogLikelihood
 from estimators.likelihood.rolling import Changes
@@ -47,8 +49,7 @@ class Creep:
     ) -> None:
         self._robot, self._parameters = replace(robot, effects=()), parameters
         self._models, self._logs = models, logs
-        for model, log, state in zip(models, logs, states, strict=True):  # raises what `Slipping` passes over
-            stiffness_of(self._robot, model, log, state)
+        wheel_loads(self._robot, Floor().normal_gravity)  # raises what `Slipping` passes over
         rows = len(models[0].rows)
         self.expected, self.deviations = np.eye(1 + rows)[0], np.array([DOUBT] + rows * [UNEVEN])
         self._last: list[tuple[Array, Array]] = []
