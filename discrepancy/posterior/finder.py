@@ -217,6 +217,8 @@ def _diagnosed(
         order = order_of(after, good)
 
     def in_held_out(vehicle: RobotDescription) -> Linearised:
+        if held is not None and vehicle == found:
+            return held[1]
         return linearise(vehicle, held_out, creep=creep, among=(), released=free, jitter=jitter, own_clocks=True)
 
     beside = [

@@ -126,7 +126,10 @@ def refitted(
     current = tuple(named)
     if threshold == -np.inf:
         least = seen.log_evidence - LOG_ODDS if families_of(before) <= families_of(named) else -np.inf
-        current, seen = _nearer(vehicle, look, least, known, current, seen)
+        nearer = _nearer(vehicle, look, least, known, current, seen)
+        if nearer is None:
+            return tuple(effect for effect in known if np.any(effect.amplitudes)), seen
+        current, seen = nearer
     else:
         found = fit_with(vehicle, look, current, seen)
         if found is None:
@@ -144,7 +147,11 @@ def _newton(
     vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, threshold: float
 ) -> tuple[tuple[Sized, ...], S]:
     """Return effects of sizes by Newton's method, each step of which makes the logs likelier; threshold: see
-    `refitted`."""
+    `refitted`.
+
+    A step that does not is halved, unless it is within the standard errors, which changes log evidence by less than it
+    scatters, or unless the threshold is out of reach.
+    """
     for step in range(REFITS):
         shown = set(seen.candidates)  # no longer an effect that leaves no trace in the fitted states
         current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
@@ -159,10 +166,11 @@ def _newton(
         ends = np.cumsum([effect.candidate.columns for effect in current])[:-1]
         moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
         proposed = tuple(effect.moved(by) for effect, by in zip(current, moves, strict=True))
-        previous = current
-        current, seen = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen)
-        if current == previous:  # no step is any better
+        refine = bool(np.any(np.abs(changes) > errors)) and seen.log_evidence + gain >= threshold
+        nearer = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen, HALVINGS if refine else 1)
+        if nearer is None:
             break
+        current, seen = nearer
     return current, seen
 
 
@@ -307,18 +315,25 @@ def _statistics_of(effects: Sequence[Sized], seen: Seen) -> Statistics:
 
 
 def _nearer(
-    vehicle: Any, look: Look[S], least: float, current: tuple[Sized, ...], proposed: tuple[Sized, ...], seen: S
-) -> tuple[tuple[Sized, ...], S]:
-    """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, until the log
-    evidence exceeds `least`."""
-    for _ in range(HALVINGS):
+    vehicle: Any,
+    look: Look[S],
+    least: float,
+    current: tuple[Sized, ...],
+    proposed: tuple[Sized, ...],
+    seen: S,
+    tries: int = HALVINGS,
+) -> tuple[tuple[Sized, ...], S] | None:
+    """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, with which the log
+    evidence exceeds `least`, and the statistics beside them; None if it does with none of as many as `tries`."""
+    for _ in range(tries):
         found = fit_with(vehicle, look, proposed, seen)
         if found is not None and found.log_evidence > least:
             return proposed, found
-        pairs = zip(current, proposed, strict=True)
+        pairs = list(zip(current, proposed, strict=True))
+        if all(np.array_equal(effect.amplitudes, target.amplitudes) for effect, target in pairs):
+            break
         proposed = tuple(effect.moved((target.amplitudes - effect.amplitudes) / 2) for effect, target in pairs)
-    current = tuple(effect for effect in current if np.any(effect.amplitudes))
-    return current, look(current, seen, [effect.candidate for effect in current])
+    return None
 
 
 def fit_with(vehicle: Any, look: Look[S], effects: tuple[Sized, ...], seen: S) -> S | None:
