@@ -56,8 +56,9 @@ def fit_states(
     else:
         at, sizes, _ = start
     off: list[Array | float] = [0.0] * len(models)  # the errors of its sensors, which are subtracted from the counts
+    held = start is not None and _plays(robot, models, at)
     if robot.effects:
-        off = _corrected(robot, models, logs, at, off, loose=start is not None)
+        off = _corrected(robot, models, logs, at, off, held, loose=start is not None)
         if start is None:
             at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least, probes=PROBES)
     creep, left = _Creep.before(models, usual, start[2].creep if start else None), MOST_ROUNDS
@@ -85,7 +86,7 @@ def fit_states(
             creep.expect(creep.columns, creep.factors)
             return at, sizes, creep.shared(at.mount), slips
         if robot.effects:
-            off = _corrected(robot, models, logs, at, off)
+            off = _corrected(robot, models, logs, at, off, held or left <= MOST_ROUNDS / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,21 +180,32 @@ def _corrected(
     logs: Sequence[Log],
     at: State,
     off: Sequence[Array | float],
+    held: bool,
     loose: bool = True,
 ) -> list[Array | float]:
     """Subtract the errors of a robot's sensors at a state from the counts, in place of those subtracted before
     (`off`).
 
     loose: whether a reading that stands still within a backlash leaves the shaft free there. In a state by counts it
-    would be lost: a single castor is then found where it never was.
+    would be lost: a single castor is then found where it never was. held: see `Channels.play`.
     """
     channels, corrections = Channels(robot), []
     for model, log, state, before in zip(models, logs, at.states, off, strict=True):
         seen = model.counts + before
         turned = _turned(robot, channels, model, log, seen, state)
         corrections.append(seen - channels.unread(robot, log, seen, turned))
-        model.correct(corrections[-1] - before, channels.play(robot, log, turned) if loose else 0.0)
+        model.correct(corrections[-1] - before, channels.play(robot, log, turned, held) if loose else 0.0)
     return corrections
+
+
+def _plays(robot: RobotDescription, models: Sequence[LogLikelihood], at: State) -> bool:
+    """Whether states hold how shafts moved within a robot's backlashes: those fitted without them follow readings."""
+    channels = Channels(robot)
+    return all(
+        np.ptp(model.counts[:, column] - state[:, 3 + column]) * 2 * np.pi / channels.per_rev[column] > play / 2
+        for model, state in zip(models, at.states, strict=True)
+        for column, play in channels.backlashes(robot)
+    )
 
 
 def _turned(

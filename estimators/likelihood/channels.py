@@ -22,6 +22,11 @@ rises by 186 in all with 0.05 s, by 407 with 0.1 s, and by 434 to 447 with 0.14 
 FOLLOWS = 1e-6
 """Part of a backlash within which of its end a shaft counts as turning its encoder."""
 
+HELD = 2.0
+"""Standard deviation of where a shaft is, by how far it is within a backlash: log evidences of seven fits of nearly the
+same backlash (0.3 and 0.64 rad of a single castor, 20 s) then scatter by 2 nats, where they do by 10 with none and are
+lower by 12; with 1, some fits of them end far from it."""
+
 
 class Channels:
     """The pivot and wheel encoders of a robot, in the order of a state's counts."""
@@ -75,18 +80,29 @@ class Channels:
                 excess[:, column] = np.interp(log.t + latency, log.t, excess[:, column])
         return counts + excess
 
-    def play(self, robot: RobotDescription, log: Log, counts: Array) -> Array:
+    def backlashes(self, robot: RobotDescription) -> list[tuple[int, float]]:
+        """Return the columns of encoders that have a backlash, with it, rad."""
+        effects = [effect for effect in robot.effects if isinstance(effect, PivotBacklash)]
+        return [(int(np.searchsorted(self.sensed, effect.castor - 1)), effect.value) for effect in effects]
+
+    def play(self, robot: RobotDescription, log: Log, counts: Array, held: bool) -> Array:
         """Return the standard deviation (K, s + d), in counts, of readings by true counts that stand still while the
-        shaft moves within a backlash, about its middle; 0 of the others."""
+        shaft moves within a backlash; 0 of the others.
+
+        held: no larger than `HELD` times how far within the backlash the shaft is. Else what is barely within, by
+        noise, is as free as what is far within, now one sample, now another, and no fit converges; but from where it
+        follows its reading, a shaft gets to its place within a backlash only if it is free.
+        """
         found = np.zeros(counts.shape)
-        wheel, castor = self.angles(counts)
-        for effect in robot.effects:
-            if isinstance(effect, PivotBacklash):
-                column, of = int(np.searchsorted(self.sensed, effect.castor - 1)), effect.castor - 1
-                _, read = readings(robot.as_described().with_effects(effect), log.t, wheel, castor)
-                within = np.abs(castor - read)[:, of] < (1 - FOLLOWS) * effect.value / 2
-                per_rad = self.per_rev[column] / (2 * np.pi)
-                found[:, column] = np.hypot(found[:, column], within * per_rad * effect.value / np.sqrt(12))
+        for column, play in self.backlashes(robot):
+            castor = int(self.sensed[column])
+            effect = PivotBacklash(castor=castor + 1, value=play)
+            wheel, angles = self.angles(counts)
+            _, read = readings(robot.as_described().with_effects(effect), log.t, wheel, angles)
+            depth = play / 2 - np.abs(angles - read)[:, castor]
+            size = np.minimum(HELD * depth, play / np.sqrt(12)) if held else play / np.sqrt(12)
+            size = np.where(depth > FOLLOWS * play / 2, size, 0.0)
+            found[:, column] = np.hypot(found[:, column], size * self.per_rev[column] / (2 * np.pi))
         return found
 
     def _latencies(self, robot: RobotDescription) -> Array:

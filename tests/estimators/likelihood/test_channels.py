@@ -6,7 +6,7 @@ import pytest
 from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
-from estimators.likelihood.channels import Channels
+from estimators.likelihood.channels import HELD, Channels
 
 ROBOT, BACKLASH = preset("asoc-prototype"), 0.2
 
@@ -26,7 +26,7 @@ def turned_there_and_back():
 def test_a_reading_stands_still_until_the_shaft_has_turned_by_the_backlash():
     """It begins in the middle, and so is free for the first half of the backlash, and for all of it on the way back."""
     channels, log, counts = turned_there_and_back()
-    play = channels.play(ROBOT.with_effects(PivotBacklash(castor=2, value=BACKLASH)), log, counts)
+    play = channels.play(ROBOT.with_effects(PivotBacklash(castor=2, value=BACKLASH)), log, counts, held=False)
     free = np.flatnonzero(play[:, 1])
     np.testing.assert_array_equal(free, [0, 1, 21, 22, 23])  # 0.1 rad after the start and 0.2 rad after 1 rad it turns
     expected = BACKLASH / np.sqrt(12) * channels.per_rev[1] / (2 * np.pi)
@@ -34,6 +34,16 @@ def test_a_reading_stands_still_until_the_shaft_has_turned_by_the_backlash():
     assert not np.delete(play, 1, axis=1).any()
 
 
+def test_a_shaft_that_is_held_is_as_free_as_it_is_far_within_the_backlash():
+    """On its way back it is 0.05, 0.1 and again 0.05 rad from an end; it begins in the middle and turns by 0.05 rad."""
+    channels, log, counts = turned_there_and_back()
+    play = channels.play(ROBOT.with_effects(PivotBacklash(castor=2, value=BACKLASH)), log, counts, held=True)
+    depth = np.array([0.1, 0.05, 0.05, 0.1, 0.05])
+    expected = np.minimum(HELD * depth, BACKLASH / np.sqrt(12)) * channels.per_rev[1] / (2 * np.pi)
+    assert play[[0, 1, 21, 22, 23], 1] == pytest.approx(expected, rel=1e-9)
+    assert np.count_nonzero(play) == 5
+
+
 def test_without_a_backlash_every_reading_follows():
     channels, log, counts = turned_there_and_back()
-    assert not channels.play(ROBOT, log, counts).any()
+    assert not channels.play(ROBOT, log, counts, held=False).any()
