@@ -123,10 +123,10 @@ class ForceBalance:
         so that contacts creep under the forces of the motion alone.
         """
         geometry, w = self._geometry, len(self._geometry.radius)
-        if known is None and not agree:
-            speed, _ = self._as_seen
-        elif agree:
+        if agree:
             speed, _ = self._slipping(np.zeros_like(self._rolling))
+        elif known is None:
+            speed, _ = self._as_seen
         else:
             speed, _ = self._slipping(self._seen(self._path - np.pad(known, ((0, 0), (0, w)))))
         slip = np.zeros((len(speed), 2 * w))

@@ -7,7 +7,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.steps import Motion
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import Leg, Run, Trajectory
-from castor_envs.physics.contact_motion import creep, yields
+from castor_envs.physics.contact_motion import ForceBalance
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.weight import wheel_loads
 
@@ -19,8 +19,8 @@ def test_forces_beyond_friction_make_no_contact_slip_without_bound(name):
     rolled = roll(robot, Trajectory("ahead", (Run((Leg((1.0, 0.0, 0.0), 2.0),), speed=0.4, acceleration=0.5),)))
     pose, thrown = rolled.pose.copy(), 0.5
     pose[40:, 1] += thrown  # m, sideways within a sample
-    motion = Motion(rolled.t, pose, rolled.wheel_angle, rolled.castor_angle, consistent_wheels=True)
-    slip, found = creep(robot, motion, Floor()), yields(robot, motion, Floor())
+    balance = ForceBalance(robot, Motion(rolled.t, pose, rolled.wheel_angle, rolled.castor_angle), Floor())
+    slip, found = balance.creep(agree=True), balance.yields
     assert max(np.abs(slip.rolling).max(), np.abs(slip.side).max()) < 4 * thrown
     fastest, floor = thrown / robot.sample_period, Floor()
     least = robot.contact.friction * wheel_loads(robot, floor.normal_gravity).min()  # N, at which a wheel slides
