@@ -93,12 +93,13 @@ def _price(answer: Answer, material: Material) -> float:
 
 def _doubted(answer: Answer) -> Answer:
     """Return the answer on an effect beside something unexplained that costs more: it is as likely a part of that."""
-    if answer.verdict != "named":
+    if answer.verdict not in ("named", "unconfirmed"):
         return answer
     (name,) = answer.credible
     probabilities = answer.probabilities | {name: answer.probability / 2}
     probabilities["nothing"] = probabilities.get("nothing", 0.0) + answer.probability / 2
-    reason = f"{answer.candidate.what} may be a part of what is unexplained, which costs more"
+    doubted = f"{answer.candidate.what} may be a part of what is unexplained, which costs more"
+    reason = doubted if answer.verdict == "named" else answer.reason
     return dataclasses.replace(answer, probabilities=probabilities, verdict="unconfirmed", reason=reason)
 
 

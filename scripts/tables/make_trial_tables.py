@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from castor_envs.files import write_atomically
-from discrepancy.trials.scores import report
+from discrepancy.trials.scores import calibration_error, report, wilson
 
 FORMAT = "castor-trial-figures/1"
 DOCS = Path(__file__).parents[2] / "docs"
@@ -31,21 +31,50 @@ def figures_of(folders: list[Path]) -> Figures:
 
 
 def table(figures: Figures) -> str:
-    """Return the table of all rates, a column for each trial."""
-    trials = figures["trials"]
-    heads = [f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases" for trial in trials]
+    """Return the table of all rates: a column for the newest trial of each simulator, and one for all of its trials."""
+    generators: dict[str, list[Figures]] = {}
+    for trial in figures["trials"]:
+        generators.setdefault(trial["plan"]["generator"], []).append(trial)
+    newest = [trials[:1] for trials in generators.values()]
+    columns = [*newest, *generators.values()]
+    heads = [
+        f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases" for (trial,) in newest
+    ]
+    heads += [
+        f"{name}, all {len(trials)} trials, {sum(trial['judged'] for trial in trials)} cases"
+        for name, trials in generators.items()
+    ]
     rows = [["", *heads], ["---"] * (len(heads) + 1)]
-    for k, rate in enumerate(trials[0]["rates"]):
-        rows.append([rate["what"].replace("  ", "– "), *(_cell(trial["rates"][k]) for trial in trials)])
-    errors = ["-" if (off := trial["calibration_error"]) is None else f"{off:.2f}" for trial in trials]
-    rows.append(["expected calibration error of reported probabilities", *errors])
+    for k, rate in enumerate(figures["trials"][0]["rates"]):
+        counted = [[trial["rates"][k] for trial in trials] for trials in columns]
+        rows.append([rate["what"].replace("  ", "– "), *map(_cell, counted)])
+    rows.append(["expected calibration error of reported probabilities", *map(_error, columns)])
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
-def _cell(rate: Figures) -> str:
-    if not rate["total"]:
+def _cell(rates: list[Figures]) -> str:
+    """Return a rate, over several trials, with its interval."""
+    count, total = (sum(rate[key] for rate in rates) for key in ("count", "total"))
+    if not total:
         return "-"
-    return f"{rate['count']} of {rate['total']} ({100 * rate['low']:.0f} to {100 * rate['high']:.0f} %)"
+    low, high = wilson(count, total)
+    return f"{count} of {total} ({100 * low:.0f} to {100 * high:.0f} %)"
+
+
+def _error(trials: list[Figures]) -> str:
+    """Return the expected calibration error over the names of several trials."""
+    bins: dict[str, list[Figures]] = {}
+    for part in (part for trial in trials for part in trial["reliability"]):
+        bins.setdefault(part["what"], []).append(part)
+    off = calibration_error([_joined(parts) for parts in bins.values()])
+    return "-" if off is None else f"{off:.2f}"
+
+
+def _joined(parts: list[Figures]) -> Figures:
+    """Return a bin of the reliability diagram over several trials."""
+    count, total = (sum(part[key] for part in parts) for key in ("count", "total"))
+    probability = sum(part["probability"] * part["total"] for part in parts) / total
+    return {"total": total, "share": count / total, "probability": probability}
 
 
 def with_table(page: str, figures: Figures) -> str:

@@ -111,6 +111,13 @@ def test_beside_something_unexplained_that_costs_more_a_name_is_not_sure(costs_m
     assert [sum(answer.probabilities.values()) for answer in answers] == [1.0, 1.0]
 
 
+def test_nor_is_a_name_that_is_not_confirmed_and_its_reason_stays():
+    unknown = dataclasses.replace(UNKNOWN, cost=1.1 * ANSWER.cost)
+    unsure = dataclasses.replace(ANSWER, covariance=np.array([[0.0052**2]]))
+    answer, _ = judged([unsure, unknown], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)
+    assert (answer.verdict, answer.probability, "may be 0" in answer.reason) == ("unconfirmed", 0.5, True)
+
+
 @pytest.mark.parametrize(("absent", "expected"), [(1e-2, "no discrepancy"), (0.0, "unconfirmed")])
 def test_an_effect_that_all_logs_together_deny_is_no_discrepancy(absent, expected):
     """By the formula the held-out logs are exp(50) times less likely with it."""
