@@ -202,9 +202,9 @@ def _plays(robot: RobotDescription, models: Sequence[LogLikelihood], at: State) 
     """Whether states hold how shafts moved within a robot's backlashes: those fitted without them follow readings."""
     channels = Channels(robot)
     return all(
-        np.ptp(model.counts[:, column] - state[:, 3 + column]) * 2 * np.pi / channels.per_rev[column] > play / 2
+        np.ptp(model.counts[:, column] - state[:, 3 + column]) * 2 * np.pi / channels.per_rev[column] > effect.value / 2
         for model, state in zip(models, at.states, strict=True)
-        for column, play in channels.backlashes(robot)
+        for column, effect in channels.backlashes(robot)
     )
 
 

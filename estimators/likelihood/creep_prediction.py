@@ -98,9 +98,7 @@ class Slipping:
         difference to that of a robot without them whose encoders read the same."""
         if self._described is None:
             return np.zeros((len(self._log) - 1, len(self._model.rows)))
-        without = Slipping(*self._described)
-        by_forces = without._creep(without._balance(without._without, averaging=0.0))  # no mean over a few true steps
-        return self._rows(self._creep(self._balance(self._without, averaging=0.0), self._over) - by_forces)
+        return self._rows(self._not_averaged() - Slipping(*self._described)._not_averaged())
 
     @cached_property
     def disagreement(self) -> Array:
@@ -121,6 +119,10 @@ class Slipping:
         read = self._state.copy()
         read[:, 3:] = self._channels.read(real, self._log, read[:, 3:])
         return real.as_described(), self._model, self._log, read
+
+    def _not_averaged(self) -> Slip:
+        """Return the creep predicted step by step."""
+        return self._creep(self._balance(self._without, averaging=0.0), self._over)
 
     def _balance(self, robot: RobotDescription, averaging: float = AVERAGING) -> ForceBalance | None:
         """Return the balance of forces on a robot's contacts; None: it cannot stand by itself. averaging: s, over which
