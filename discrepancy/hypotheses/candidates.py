@@ -213,7 +213,10 @@ def signatures_of(
             built.append((candidate, geometry, kind.value))
         else:
             dithers = DITHERS if kind.discrete else np.zeros(1)
-            excess = np.stack([added(changed_robot, dithers) for changed_robot in changed], axis=-1) / kind.value
+            if (own := _smaller(robot, candidate)) is None:
+                excess = np.stack([added(larger, dithers) for larger in changed], axis=-1) / kind.value
+            else:
+                excess = added(own, dithers)[..., None] / -kind.value
             if np.any(excess):
                 read.append(misreading(candidate, excess))
             elif (slip := _slip_of(candidate, robot, motion)) is not None:
@@ -234,6 +237,20 @@ def signatures_of(
         np.array([_per_unit(gyro_scale_of, candidate) for candidate in of_columns]),
         tuple(k for k, candidate in enumerate(of_columns) if candidate.at_a_place),
     )
+
+
+def _smaller(robot: RobotDescription, candidate: Candidate) -> RobotDescription | None:
+    """Return a robot whose own effect of this kind is smaller by a step; None if it has none as large, or of one size.
+
+    The same effect once more may not be more of it: a wheel that seems slow, as its counts are lost at speed, loses no
+    more of them.
+    """
+    step = candidate.kinds[0]
+    for k, effect in enumerate(robot.effects):
+        if candidate.is_of(effect) and candidate.columns == 1 and not step.binary and effect.value > step.value:
+            smaller = dataclasses.replace(effect, value=effect.value - step.value)
+            return dataclasses.replace(robot, effects=(*robot.effects[:k], smaller, *robot.effects[k + 1 :]))
+    return None
 
 
 def _per_unit(of: Callable[[Sequence[Effect]], float], candidate: Candidate) -> float:

@@ -214,23 +214,38 @@ def _turned(
     """Return the counts (K, s + d) of a state; of a wheel whose encoder loses counts at speed, those that explain the
     counts seen (K, s + d) and are the likeliest: by the other wheels, as its own do not tell how fast it turns, or,
     where these do not tell either, by the state's poses, which follow the reference."""
-    counts, geometry, lost = state[:, 3:].copy(), channels.geometry, {}
+    counts, lost = state[:, 3:].copy(), {}
     for effect in robot.effects:
         if isinstance(effect, TickLoss):
-            k = channel(robot, effect.castor, effect.wheel, effect.name)
-            column = len(channels.sensed) + int(np.searchsorted(channels.driven, k))
-            per_count = 2 * np.pi / channels.per_rev[column]
-            as_read = np.column_stack([state[:, :3], model.counts])
-            as_read[:, 3 + column] = seen[:, column]
-            row = int(np.flatnonzero(model.rows == k)[0])
-            slip, told = slip_of_row(model, geometry, as_read, row)
-            slip = np.where(told, slip, model.residuals(geometry, as_read)[:, row])
-            read = np.diff(seen[:, column]) * per_count
-            missing = effect.turned(np.diff(log.t), read, read + slip / geometry.radius[k], per_count) - read
+            column = _column(robot, channels, effect)
+            read, likely, per_count = wheel_readings(robot, channels, model, state, effect, seen)
+            missing = effect.turned(np.diff(log.t), read, likely, per_count) - read
             lost[column] = lost.get(column, 0.0) + missing / per_count
     for column, missing in lost.items():
         counts[1:, column] = counts[0, column] + np.cumsum(np.diff(seen[:, column]) + missing)
     return counts
+
+
+def wheel_readings(
+    robot: RobotDescription, channels: Channels, model: LogLikelihood, state: Array, effect: TickLoss, seen: Array
+) -> tuple[Array, Array, float]:
+    """Return the angles (K - 1,) that a wheel turns by its encoder, and those by the other wheels, or, where these do
+    not tell, by the state's poses, rad; and the angle of one count. seen (K, s + d): counts."""
+    geometry, column = channels.geometry, _column(robot, channels, effect)
+    k, per_count = channels.driven[column - len(channels.sensed)], 2 * np.pi / float(channels.per_rev[column])
+    as_read = np.column_stack([state[:, :3], model.counts])
+    as_read[:, 3 + column] = seen[:, column]
+    row = int(np.flatnonzero(model.rows == k)[0])
+    slip, told = slip_of_row(model, geometry, as_read, row)
+    slip = np.where(told, slip, model.residuals(geometry, as_read)[:, row])
+    read = np.diff(seen[:, column]) * per_count
+    return read, read + slip / geometry.radius[k], per_count
+
+
+def _column(robot: RobotDescription, channels: Channels, effect: TickLoss) -> int:
+    """Return the column of a wheel's encoder."""
+    k = channel(robot, effect.castor, effect.wheel, effect.name)
+    return len(channels.sensed) + int(np.searchsorted(channels.driven, k))
 
 
 def _change(

@@ -44,6 +44,7 @@ from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
+from discrepancy.posterior.variances.lost import lossy_encoders
 from discrepancy.posterior.variances.noise_excess import noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, gap_grows, gap_shrinks, judged, verdict_of
 from discrepancy.validation.sufficient import check_seen, must_fit
@@ -177,13 +178,19 @@ def _diagnosed(
     def displaced(seen: Linearised) -> float:
         return float(np.hypot(*(seen.state.mount[:2] - mounted))) / max(material.position, 1e-12)
 
-    begin = most_likely(robot, logs, plain)
+    begin, tried = most_likely(robot, logs, plain), frozenset[str]()
     first = afresh(begin) if jitter or begin else plain
     plain = plain.without_designs()
     while True:
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
         named, seen, posterior, answers = named_together(base, look, ask, first, begin, displaced)
         found = with_effects(base, named)
+        lossy = lossy_encoders(found, logs, seen, LOG_ODDS - prior_log_odds(names), tried | families_of(named))
+        tried |= families_of(lossy)
+        if lossy and (better := exchanged(base, look, named, (), seen, lossy, prior_log_odds(names))):
+            begin = better[0]
+            first = afresh(begin)
+            continue
         if extended := events.extended(found, logs, seen, good, answers, names):
             new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
             odds = prior_log_odds(names)

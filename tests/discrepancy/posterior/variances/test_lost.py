@@ -1,0 +1,65 @@
+"""Counts that an encoder loses at speed are found where no linear signature shows them."""
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+
+from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.encoders import TickLoss
+from castor_envs.motion.trajectories import Leg, Run, Trajectory
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import candidates_of, signatures_of
+from discrepancy.posterior.finder import diagnose
+from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.variances.lost import lossy_encoders
+from discrepancy.trials.pymunk_generator import drive
+
+ROBOT = preset("omni3")
+LOSS = TickLoss(castor=1, wheel=1, value=0.2, above=5.0)
+
+
+@cache
+def log_of(seed, *effects):
+    """A log of straight ways at 0.28 m/s, on some of which wheel 1 turns by up to 5.5 rad/s, and reads 4.4 at most."""
+    random = np.random.default_rng(seed)
+    ways = np.append(ROBOT.castors[0].angle, random.uniform(-math.pi, math.pi, 5)).tolist()
+    legs = [Leg((math.cos(way), math.sin(way), random.uniform(-0.3, 0.3)), 1.0) for way in ways]
+    motion = Trajectory("straight ways", tuple(Run((leg,), 0.28, 0.5) for leg in legs))
+    return drive(ROBOT.with_effects(*effects), motion, seed, duration=motion.duration)
+
+
+def test_counts_lost_at_speeds_that_the_fitted_wheel_does_not_reach_are_named():
+    """Without, a wheel too small by an eighth is named, and three quarters of the gap stay."""
+    found = diagnose(ROBOT, [log_of(1, LOSS)], [log_of(2, LOSS)])
+    (answer,) = found.answers
+    assert (found.verdict, answer.credible) == ("named", ("tick_loss 1 1 forward",))
+    assert answer.size == pytest.approx(LOSS.value, rel=0.05)
+    assert found.held_out is not None
+    assert gap_of(found.held_out[1]) < 0.1 * gap_of(found.held_out[0])
+
+
+def gap_of(seen):
+    """The gap in position, m."""
+    assert seen.gap is not None
+    return seen.gap[0]
+
+
+@pytest.mark.parametrize("effects", [(), (WheelRadius(castor=1, wheel=1, value=-0.1),)])
+def test_an_encoder_that_loses_nothing_is_not_suspected(effects):
+    log = log_of(1, *effects)
+    assert lossy_encoders(ROBOT, [log], linearise(ROBOT.with_effects(*effects), [log], among=()), 3.0) == []
+
+
+def test_more_of_a_loss_is_a_larger_part_and_not_a_part_lost_twice():
+    """What is read after a loss is too slow to be lost again."""
+    lossy, log = ROBOT.with_effects(LOSS), log_of(1, LOSS)
+    (state,) = linearise(lossy, [log], among=()).state.states
+    candidate = next(candidate for candidate in candidates_of(ROBOT) if candidate.is_of(LOSS))
+    signature = signatures_of(lossy, log, state, np.zeros((len(log.t), 3)), [candidate]).readings[slice(None)][:, 0, 0]
+    turned = np.diff(state[:, 3])
+    rate = turned * 2 * np.pi / ROBOT.castors[0].wheels[0].counts_per_rev / np.diff(log.t)
+    lost = np.concatenate([[0.0], np.cumsum(np.where(rate > LOSS.above, turned, 0.0))])
+    assert lost[-1] > 1e4
+    np.testing.assert_allclose(signature, -lost, atol=1.0)
