@@ -86,6 +86,11 @@ class Seen(Protocol):
         ...
 
     @property
+    def masked(self) -> float:
+        """The part of the effects in the model that wheel creep masks."""
+        ...
+
+    @property
     def usual(self) -> Array:
         """Size (C,) that unnamed alternatives have in logs of a vehicle in good order; NaN for effects of the
         catalogue."""

@@ -24,7 +24,7 @@ from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
 from discrepancy.posterior.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import hypotheses_of, order_of
-from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
+from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.refit import (
     Look,
     S,
@@ -37,6 +37,7 @@ from discrepancy.posterior.refit import (
     possible,
     refitted,
     sizes_of,
+    statistics_of,
     with_effects,
 )
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
@@ -47,6 +48,7 @@ from discrepancy.posterior.variances.learned import answer_of, encoders_of, help
 from discrepancy.posterior.variances.lost import lossy_encoders
 from discrepancy.posterior.variances.noise_excess import noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, gap_grows, gap_shrinks, judged, verdict_of
+from discrepancy.validation.cost import WAY
 from discrepancy.validation.sufficient import check_seen, must_fit
 
 LOOKS = 6
@@ -162,7 +164,8 @@ def _diagnosed(
 
     def ask(seen: Linearised, named: Sequence[Sized], without: Collection[str]) -> Asked:
         try:
-            return asked(seen, *hypotheses_of(base, seen), order_of(seen, good), sizes_of(named, seen), without=without)
+            hypotheses = hypotheses_of(base, seen, {effect.candidate for effect in named})
+            return asked(seen, *hypotheses, order_of(seen, good), sizes_of(named, seen), without=without)
         finally:
             seen.forget()
 
@@ -178,12 +181,16 @@ def _diagnosed(
     def displaced(seen: Linearised) -> float:
         return float(np.hypot(*(seen.state.mount[:2] - mounted))) / max(material.position, 1e-12)
 
+    def hides(seen: Linearised) -> bool:
+        """Whether what passes for noise of contacts costs more than matters."""
+        return float(np.hypot(seen.noise.along, seen.noise.across)) * WAY**0.5 > material.position
+
     begin, tried = most_likely(robot, logs, plain), frozenset[str]()
     first = afresh(begin) if jitter or begin else plain
     plain = plain.without_designs()
     while True:
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        named, seen, posterior, answers = named_together(base, look, ask, first, begin, displaced)
+        named, seen, posterior, answers = named_together(base, look, ask, first, begin, displaced, hides)
         found = with_effects(base, named)
         lossy = lossy_encoders(found, logs, seen, LOG_ODDS - prior_log_odds(names), tried | families_of(named))
         tried |= families_of(lossy)
@@ -265,14 +272,15 @@ def named_together(
     first: S,
     begin: Sequence[Sized] = (),
     displaced: Callable[[S], float] = lambda seen: 0.0,
+    hides: Callable[[S], bool] = lambda seen: not seen.redundant,
 ) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    first: statistics of the logs with the effects `begin` in the model; displaced: see `exchanged`. ask: returns the
-    posterior without hypotheses of some families. The posterior compares effects by signatures, which are wrong of
-    large ones, so that an effect which takes the place of another, or may do so, is refused if fits with both in turn
-    are at odds with that.
+    first: statistics of the logs with the effects `begin` in the model; displaced: see `exchanged`. hides: whether an
+    effect that matters may pass for noise. ask: returns the posterior without hypotheses of some families. The
+    posterior compares effects by signatures, which are wrong of large ones, so that an effect which takes the place of
+    another, or may do so, is refused if fits with both in turn are at odds with that.
     """
     seen, named, refused, compared = first, tuple(begin), set[tuple[str, str]](), frozenset[str]()
     tried = [families_of(named)]
@@ -305,7 +313,7 @@ def named_together(
                 if unlikely:
                     refused |= unlikely
                     continue
-            more = [] if seen.redundant else _likeliest_beyond_model(vehicle, posterior, seen, named)
+            more = _most_explaining(vehicle, seen, named) if hides(seen) else []
             same = _same(answers, seen)
             better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
@@ -350,25 +358,27 @@ def _unlikely(
     return set(itertools.product(before - after or {""}, after - before))
 
 
-def _likeliest_beyond_model(vehicle: Any, posterior: Posterior, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
-    """Return the likeliest effects, `BESIDE` of them, that are not in the model, in the sizes that the formula gives,
-    and in half and twice these.
+def _most_explaining(vehicle: Any, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
+    """Return the effects, `BESIDE` of them, that would explain most of what those in the model leave, in the sizes that
+    the formula gives; of too few wheels for any to contradict the others also in half and twice these.
 
-    What encoders cannot contradict passes for noise, beside which the formula hardly sees it; if it is much more than
+    What wheels cannot contradict, as there are too few or as all contacts give way, passes for noise, beside which the
+    formula hardly sees it: an effect that explains most of it is as likely as its rivals. If it is much more than
     signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that. Sizes and
     noise change together, so logs may be likely at sizes far apart, and much less likely between.
     """
-    in_model = families_of(named)
-    statistics, found = summed(seen.logs), list[Sized]()
-    for name in posterior.inclusion():
-        candidate = next((cause for cause in seen.candidates if cause.family == name and cause.kinds), None)
-        if candidate is None or name in in_model or len({effect.candidate for effect in found}) == BESIDE:
-            continue
-        columns = seen.columns[seen.candidates.index(candidate)]
-        information = statistics.information[np.ix_(columns, columns)]
-        size = np.linalg.lstsq(information, statistics.score[columns], rcond=1e-9)[0]
-        effect = Sized(candidate, np.zeros(len(columns))).moved(np.asarray(size, dtype=np.float64))
-        sizes = [effect, *(effect.moved(part * effect.amplitudes) for part in (-0.5, 1.0))]
+    in_model, explained, found = families_of(named), dict[Sized, float](), list[Sized]()
+    for candidate in seen.candidates:
+        searched = isinstance(candidate, Candidate) and candidate.at_a_place  # for the place that explains most
+        if candidate.kinds and candidate.family not in in_model and not searched:
+            none = Sized(candidate, np.zeros(candidate.columns))
+            information, score = statistics_of([none], seen)
+            effect = none.moved(np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0], dtype=np.float64))
+            gain = score @ effect.amplitudes - effect.amplitudes @ information @ effect.amplitudes / 2
+            explained[effect] = float(gain) - candidate.columns  # which noise alone explains, half of that in each
+    for effect in sorted(explained, key=explained.__getitem__)[: -BESIDE - 1 : -1]:
+        others = () if seen.redundant else (-0.5, 1.0)
+        sizes = [effect, *(effect.moved(part * effect.amplitudes) for part in others)]
         found += [sized for sized in sizes if possible(vehicle, [sized]) and np.any(sized.amplitudes)]
     return found
 

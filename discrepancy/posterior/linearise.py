@@ -83,6 +83,13 @@ class Linearised:
         return any(len(design.model.rows) > 3 for design in self.designs)
 
     @property
+    def masked(self) -> float:
+        """The part of the effects in the model that wheel creep masks, as logs show it: as much as predicted, if wheels
+        that disagree do not tell."""
+        shares = [disagreement.share for disagreement in self.disagreements if not np.isnan(disagreement.share)]
+        return float(np.mean(shares)) if shares else 1.0
+
+    @property
     def gap(self) -> tuple[float, float] | None:
         """Gap between odometry and reference, m and rad; None for logs without a reference."""
         return gap_of(self.errors)

@@ -1,6 +1,6 @@
 """Priors: which hypotheses there are, how large their effects may be, and what robots in good order show."""
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import lru_cache
 from itertools import product
 
@@ -24,6 +24,10 @@ from estimators.calibration.maximum_likelihood.tracker import mount_prior
 
 PARTS = np.arange(7) / 4
 """Parts of an effect that wheel creep may mask, all with the same prior probability."""
+
+ABOUT_FITTED = np.linspace(-PARTS[1], PARTS[1], 9)
+"""By how much another part of an effect in the model may be masked than fits found, as contacts are not as predicted:
+finer than `PARTS`, as references tell."""
 
 SHOWN_AND_MASKED = np.sqrt([np.mean((1 - PARTS) ** 2), np.mean(PARTS**2)])
 """Standard deviations of the shown and of the masked amount of an effect whose amplitude is 1."""
@@ -148,8 +152,11 @@ def _basis(seen: Seen) -> Array:
     return np.kron(np.triu(np.ones((kinds, kinds))), np.eye(len(seen.usual))).astype(np.float64)
 
 
-def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
-    """Return all hypotheses, and the candidate and masked part of each.
+def hypotheses_of(
+    robot: RobotDescription, seen: Linearised, in_model: Collection[Cause] = ()
+) -> tuple[list[Hypothesis], list[Place]]:
+    """Return all hypotheses, and the candidate and masked part of each; of effects in the model that is as fitted,
+    `ABOUT_FITTED`.
 
     All families have the same prior probability. Candidates whose place or time was chosen to suit the logs share that
     of their family with all places or times that were searched; the unnamed alternatives of one encoder, wheel or
@@ -168,7 +175,7 @@ def hypotheses_of(robot: RobotDescription, seen: Linearised) -> tuple[list[Hypot
         if candidate.family in unseen:
             continue
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
-        parts = PARTS.tolist() if hides else [0.0]
+        parts = (seen.masked + ABOUT_FITTED if candidate in in_model else PARTS).tolist() if hides else [0.0]
         share = 1 / families.count(families[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
         hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, scale, width) for part in parts]
         places += [Place(k, part) for part in parts]
@@ -198,9 +205,9 @@ def direction_of(seen: Seen, place: Place) -> Array:
 
 
 def directions_in_model(seen: Seen, candidates: Iterable[Cause]) -> Array:
-    """Return the change of b (m, columns) per unit of the amplitudes of candidates in the model: creep masks of each
-    what it is predicted to mask."""
-    directions = [direction_of(seen, Place(seen.candidates.index(candidate), 1.0)) for candidate in candidates]
+    """Return the change of b (m, columns) per unit of the amplitudes of candidates in the model: creep masks as much of
+    each as logs show."""
+    directions = [direction_of(seen, Place(seen.candidates.index(candidate), seen.masked)) for candidate in candidates]
     return np.concatenate([np.zeros((len(seen.logs[0].score), 0)), *directions], axis=1)
 
 

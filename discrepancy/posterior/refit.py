@@ -123,7 +123,7 @@ def refitted(
         sizes.get(effect.candidate, dataclasses.replace(effect, amplitudes=np.zeros_like(effect.amplitudes)))
         for effect in named
     )
-    current = tuple(named)
+    current, at_first = tuple(named), seen.log_evidence
     if threshold == -np.inf:
         least = seen.log_evidence - LOG_ODDS if families_of(before) <= families_of(named) else -np.inf
         nearer = _nearer(vehicle, look, least, known, current, seen)
@@ -137,7 +137,7 @@ def refitted(
         seen = found
     current, seen = _newton(vehicle, look, current, seen, threshold)
     if seen.log_evidence > threshold:
-        longer, beside = _stretched(vehicle, look, current, seen)
+        longer, beside = _stretched(vehicle, look, current, seen, seen.log_evidence - at_first)
         if longer != current:
             return _newton(vehicle, look, longer, beside, threshold)
     return current, seen
@@ -157,7 +157,7 @@ def _newton(
         current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
         if not current:
             break
-        information, score = _statistics_of(current, seen)
+        information, score = statistics_of(current, seen)
         changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
         errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
         gain = float(score @ changes)
@@ -174,22 +174,25 @@ def _newton(
     return current, seen
 
 
-def _stretched(vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S) -> tuple[tuple[Sized, ...], S]:
-    """Return effects of sizes multiplied or divided by `STRETCH` as often as that makes the logs likelier.
+def _stretched(
+    vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, gain: float
+) -> tuple[tuple[Sized, ...], S]:
+    """Return effects of sizes multiplied or divided by `STRETCH` as often as that makes the logs likelier, by more than
+    by a likelihood ratio of 19: what is less Newton's method finds, or logs do not tell.
 
     Where encoders cannot contradict each other, what a size leaves unexplained passes for noise, beside which Newton's
     method takes it for right: noise and size would have to change together. So it is with effects so large that the
-    error of their signatures exceeds noise, on any vehicle.
+    error of their signatures exceeds noise, on any vehicle. gain: of log evidence by these sizes so far.
     """
     for k, effect in enumerate(current):
-        if seen.redundant and not _is_large(effect, seen):
+        if seen.redundant and not _is_large(effect, seen) and 2 * gain * SIGNATURE**2 < 1:
             continue
         for factor in (STRETCH, 1 / STRETCH):
             stretches = 0
             while stretches < REFITS and not effect.candidate.kinds[0].binary:
                 longer = (*current[:k], current[k].moved((factor - 1) * current[k].amplitudes), *current[k + 1 :])
                 found = fit_with(vehicle, look, longer, seen)
-                if found is None or found.log_evidence <= seen.log_evidence:
+                if found is None or found.log_evidence <= seen.log_evidence + LOG_ODDS:
                     break
                 current, seen, stretches = longer, found, stretches + 1
             if stretches:
@@ -244,8 +247,7 @@ def exchanged(
         for other in (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ())):
             effects = (*named[:k], other, *named[k + 1 :])
             refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best - LOG_ODDS)
-            nearer = displaced(seen) - displaced(fitted)
-            least = CONVERGED if abs(nearer) < 1.0 else -np.copysign(LOG_ODDS, nearer)
+            least = CONVERGED + float(np.log1p(displaced(fitted) ** 2) - np.log1p(displaced(seen) ** 2))
             if len(refit_effects) == len(effects) and fitted.log_evidence > best + least:
                 best = fitted_again()
                 if fitted.log_evidence > best + least:
@@ -272,7 +274,7 @@ def _log_prior(effects: Sequence[Sized], seen: Seen) -> float:
     present = [effect for effect in effects if effect.candidate in seen.candidates]
     if not present:
         return 0.0
-    variances = np.diag(np.linalg.pinv(_statistics_of(present, seen).information, rcond=1e-9, hermitian=True))
+    variances = np.diag(np.linalg.pinv(statistics_of(present, seen).information, rcond=1e-9, hermitian=True))
     ends, log_prior = np.cumsum([effect.candidate.columns for effect in present])[:-1], 0.0
     for effect, variance in zip(present, np.split(variances, ends), strict=True):
         if not effect.candidate.kinds[0].binary:
@@ -309,7 +311,7 @@ def _alternatives(
             yield tuple(instead if effect is sized else effect for effect in named), LOG_ODDS
 
 
-def _statistics_of(effects: Sequence[Sized], seen: Seen) -> Statistics:
+def statistics_of(effects: Sequence[Sized], seen: Seen) -> Statistics:
     """Return the joint statistics of logs for the amplitudes of effects in the model."""
     return summed(seen.logs).of_combinations(directions_in_model(seen, [effect.candidate for effect in effects]))
 

@@ -43,6 +43,7 @@ class Linearised:
     cost: Array
     fit: FittedStates
     redundant: bool = True
+    masked: float = 0.0
     lasting: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property

@@ -57,11 +57,13 @@ class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
-    cause. turned (W, rows): standard deviation of what motors that turn contacts on the floor cause, if that is 1 m
-    after 1 rad. by_size (W, rows, C): change of disagreement per unit of each candidate's size, in single precision.
-    counted (W,): windows that count. along (rows,): true for rolling constraints, false for side slip. t (W,): when
-    windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,): number of steps in each
-    window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ within these.
+    cause, the same part of it in all windows of a row. turned (W, rows): standard deviation of what motors that turn
+    contacts on the floor cause, if that is 1 m after 1 rad. by_size (W, rows, C): change of disagreement per unit of
+    each candidate's size, in single precision. counted (W,): windows that count. along (rows,): true for rolling
+    constraints, false for side slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its
+    window. steps (W,): number of steps in each window. quick: information (C, C), score (C,) and log-likelihood by how
+    short windows differ within these, and product (rows, C) of changes by sizes and of doubt there, and its square
+    (rows,). share: part of what the robot's effects cause that is there; NaN: they cause none.
     """
 
     seen: Array
@@ -73,7 +75,8 @@ class Disagreement:
     t: Array
     way: Array
     steps: NDArray[np.intp]
-    quick: tuple[Array, Array, float]
+    quick: tuple[Array, Array, float, Array, Array]
+    share: float
 
     @classmethod
     def of(
@@ -95,17 +98,33 @@ class Disagreement:
         along = model.rows < len(geometry.radius)
         turns = model.turned(geometry, state)
         turned = _part_of_way(turns, starts, rolled)
-        shares = [0.0]
+        shares = [(0.0, 0.0)]
         if np.any(caused):
-            shares = [1.0, 0.0, float(np.clip(np.sum(seen * caused) / np.sum(caused**2), 0.0, MOST_CAUSED))]
-        found = []
-        for share in shares:
-            left = seen - share * caused
+            share = float(np.clip(np.sum(seen * caused) / np.sum(caused**2), 0.0, MOST_CAUSED))
+            shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0), (share, UNEVEN * (1 - share))]
+
+        def beside(left: Array, doubt: Array) -> tuple[Array, _Quick, Array, Array, float]:
+            """Return disagreement in long and short windows, score and information on its doubtful part, and the
+            log-likelihood."""
             of_way = np.add.reduceat(left, starts, axis=0) / rolled[:, None]
             quick = _Quick.of(left, turns, way, short, parts, along, counted)
-            likely = quick.likely + _usual(of_way, counted, along, turned)[1]
-            found.append((likely, of_way, quick, share))
-        _, of_way, quick, share = max(found, key=itemgetter(0))
+            weight, likely = _weighed(of_way, _usual(of_way, counted, along, turned)[0], counted)
+            by_quick, quickly = quick.part(doubt)
+            doubted = np.add.reduceat(doubt, starts, axis=0) / rolled[:, None] * weight
+            score, information = np.sum(of_way * weight * doubted, axis=0), 1 + np.sum(doubted**2, axis=0)
+            return of_way, quick, score + by_quick, information + quickly, likely + quick.likely
+
+        found = []
+        for share, by_row in shares:
+            left, doubt = seen - share * caused, by_row * caused
+            _, _, score, information, _ = beside(left, doubt)
+            part = score / information
+            of_way, quick, _, information, likely = beside(left - part * doubt, doubt)
+            quick.doubt(doubt)
+            quick.likely -= float(np.sum(part**2)) / 2
+            likely -= float(np.sum(part**2 + np.log(information))) / 2
+            found.append((likely, of_way, quick, share, np.add.reduceat(doubt, starts, axis=0) / rolled[:, None]))
+        _, of_way, quick, share, doubt = max(found, key=itemgetter(0))
         by_size = []
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
         for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
@@ -114,11 +133,20 @@ class Disagreement:
             sums = np.add.reduceat(by_step, np.arange(0, len(by_step), parts * short))
             by_size.append((sums / rolled[first : first + len(sums), None, None]).astype(np.float32))
             quick.add(by_step, steps)
-        doubt = np.add.reduceat(UNEVEN * np.abs(share * caused), starts, axis=0) / rolled[:, None]
         steps = np.diff(np.append(starts, len(way)))
         way = np.repeat(rolled / steps, steps)
         return cls(
-            of_way, doubt, turned, np.concatenate(by_size), counted, along, t[starts], way, steps, quick.statistics()
+            of_way,
+            doubt,
+            turned,
+            np.concatenate(by_size),
+            counted,
+            along,
+            t[starts],
+            way,
+            steps,
+            quick.statistics(),
+            share if len(shares) > 1 else np.nan,
         )
 
     def sizes(self) -> Sizes:
@@ -158,9 +186,13 @@ class Disagreement:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
         where all of these are 0."""
         weight, likely = _weighed(self.seen, self.usual, self.counted)
-        columns = (self.by_size * weight[..., None]).reshape(self.seen.size, -1)
-        information, score = columns.T @ columns, columns.T @ (self.seen * weight).reshape(-1)
-        information, score, likely = information + self.quick[0], score + self.quick[1], likely + self.quick[2]
+        by_size, seen = self.by_size * weight[..., None], self.seen * weight
+        columns = by_size.reshape(self.seen.size, -1)
+        information, score = columns.T @ columns, columns.T @ seen.reshape(-1)
+        crossed = np.einsum("wr,wrc->rc", self.doubt * weight, by_size) + self.quick[3]
+        doubted = 1 + np.sum((self.doubt * weight) ** 2, axis=0) + self.quick[4]
+        information = information + self.quick[0] - (crossed.T / doubted) @ crossed
+        score, likely = score + self.quick[1], likely + self.quick[2] - float(np.sum(np.log(doubted))) / 2
         masked = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the masked amount of a size disagrees less by as much
         return np.kron(masked, information).astype(np.float64), np.concatenate([score, -score]), likely
 
@@ -173,8 +205,8 @@ class _Quick:
         """rolled, way (V,): way of each of V short windows, and the same as a divisor. short: steps in a short window;
         parts: short windows in a long one."""
         self._rolled, self._way, self._short, self._parts = rolled, way, short, parts
-        self._seen = self._weight = np.zeros((0, 0))
-        self._sums: tuple[Array | float, Array | float] = (0.0, 0.0)
+        self._seen = self._weight = self._doubt = np.zeros((0, 0))
+        self._sums: tuple[Array | float, Array | float, Array | float] = (0.0, 0.0, 0.0)
         self.likely = 0.0
 
     @classmethod
@@ -197,6 +229,7 @@ class _Quick:
         sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
         turned = _part_of_way(turns, starts, quick._rolled)
         free = (parts - 1) / parts
+        quick._doubt = np.zeros_like(quick._seen)
         usual, quick.likely = _with_turning(quick._seen, np.where(along, *sizes), counts, turned, free)
         quick._weight, _ = _weighed(quick._seen, usual, counts, free)
         return quick
@@ -207,13 +240,25 @@ class _Quick:
         windows = slice(steps.start // self._short, steps.start // self._short + len(differences))
         seen = (self._seen * self._weight)[windows].reshape(-1)
         columns = (differences * self._weight[windows, :, None]).reshape(len(seen), by_size.shape[-1])
-        information, score = self._sums
-        self._sums = information + columns.T @ columns, score + columns.T @ seen
+        information, score, crossed = self._sums
+        doubt = (self._doubt * self._weight**2)[windows]
+        crossed = crossed + np.einsum("vr,vrc->rc", doubt, differences)
+        self._sums = information + columns.T @ columns, score + columns.T @ seen, crossed
 
-    def statistics(self) -> tuple[Array, Array, float]:
-        """Return information (C, C) and score (C,) of sizes, and the log-likelihood where all are 0."""
-        information, score = self._sums
-        return np.asarray(information), np.asarray(score), self.likely
+    def part(self, uneven: Array) -> tuple[Array, Array]:
+        """Return score and information (rows,) of by how much of `uneven` (K - 1, rows), m, each row disagrees more."""
+        doubt = self._differences(uneven, slice(0, len(uneven)))
+        return np.sum(self._seen * doubt * self._weight**2, axis=0), np.sum((doubt * self._weight) ** 2, axis=0)
+
+    def doubt(self, uneven: Array) -> None:
+        """Let each row disagree by any part of `uneven` (K - 1, rows), m."""
+        self._doubt = self._differences(uneven, slice(0, len(uneven)))
+
+    def statistics(self) -> tuple[Array, Array, float, Array, Array]:
+        """Return information (C, C) and score (C,) of sizes, the log-likelihood where all are 0, the product (rows, C)
+        of changes by sizes and of doubt, and the square (rows,) of doubt."""
+        information, score, crossed = (np.asarray(of_sizes) for of_sizes in self._sums)
+        return information, score, self.likely, crossed, np.sum((self._doubt * self._weight) ** 2, axis=0)
 
     def _differences(self, by_step: Array, steps: slice) -> Array:
         """Return sums over short windows (v, ...) beyond their share of the long window's sum, over the way."""

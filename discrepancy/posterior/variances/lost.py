@@ -27,9 +27,9 @@ PARTS = np.arange(1, 21) / 20
 def lossy_encoders(
     robot: RobotDescription, logs: Sequence[Log], seen: Linearised, least: float, besides: Collection[str] = ()
 ) -> list[Sized]:
-    """Return the loss of each wheel's encoder with which it agrees best with the other wheels or the reference, if it
-    then does so by a log likelihood ratio of more than `least`; of all families but some."""
-    channels, found = Channels(robot), []
+    """Return the loss of a wheel's encoder with which it agrees better with the other wheels or the reference, by a log
+    likelihood ratio of more than `least` and the most of all; of all families but some."""
+    channels, found = Channels(robot), list[Sized]()
     for candidate in candidates_of(robot):
         kind = candidate.kinds[0]
         if not isinstance(kind, TickLoss) or candidate.family in besides:
@@ -46,6 +46,6 @@ def lossy_encoders(
             after += np.sum((likely - turned) ** 2, axis=1)
             count += len(read)
         best = int(np.argmin(after))
-        if count / 2 * np.log(before / after[best]) > least:
-            found.append(Sized(candidate, sizes[best : best + 1]))
+        if (likelier := count / 2 * float(np.log(before / after[best]))) > least:
+            found, least = [Sized(candidate, sizes[best : best + 1])], likelier
     return found

@@ -20,6 +20,7 @@ def statistics_of():
             logs=(Statistics(information, np.zeros(count)),),
             usual=np.full(count, np.nan),
             redundant=True,
+            masked=1.0,
             log_evidence=log_evidence,
         )
 

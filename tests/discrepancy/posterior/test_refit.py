@@ -81,3 +81,21 @@ def test_a_size_of_which_the_formula_may_be_wrong_by_more_than_noise_is_found_by
     before = (Sized(GAIN, np.array([0.13])),)
     (found,), _ = refitted(ROBOT, look, before, before, look(before))
     assert found.size == pytest.approx(reached, rel=0.05)
+
+
+@pytest.mark.parametrize(("less_likely", "taken"), [(5.9 - CONVERGED, GAIN), (6.1 - CONVERGED, None)])
+def test_an_effect_beside_which_the_reference_is_where_it_should_be_may_be_less_likely_by_as_much(
+    less_likely, taken, statistics_of
+):
+    """20 times what matters off: by a Cauchy distribution exp(6) times less likely."""
+
+    def look(effects, *_) -> Any:
+        kinds = [effect.candidate for effect in effects] or [PLACE, GAIN]
+        return statistics_of(kinds, 1e6 * np.ones((len(kinds), len(kinds))), -less_likely if kinds == [GAIN] else 0.0)
+
+    def displaced(seen):
+        return 20.0 if seen.log_evidence == 0.0 else 0.0
+
+    named, seen = (Sized(PLACE, np.array([0.1])),), look(())
+    found: Any = exchanged(ROBOT, look, named, (), seen, same={PLACE: [GAIN]}, displaced=displaced)
+    assert (found and found[0][0].candidate) == taken

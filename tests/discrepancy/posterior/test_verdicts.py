@@ -41,7 +41,7 @@ def seen(log_evidence, gap) -> Any:
     said = Statistics(np.array([[1e8]]), np.array([0.0]))
     return SimpleNamespace(
         candidates=(CAUSE,), columns=(np.array([0]),), logs=(said,), usual=np.array([np.nan]),
-        lasting=np.zeros(0, dtype=np.intp), redundant=True, cost=np.ones((2, 1)),
+        lasting=np.zeros(0, dtype=np.intp), redundant=True, masked=1.0, cost=np.ones((2, 1)),
         log_evidence=log_evidence, gap=gap,
     )  # fmt: skip
 

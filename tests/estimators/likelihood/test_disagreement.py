@@ -63,6 +63,27 @@ def test_windows_beyond_what_is_usual_count_with_their_distance():
     assert likely[2] - likely[3] == pytest.approx(likely[3] - likely[4])
 
 
+def test_what_each_row_may_disagree_by_counts_as_correlated_noise():
+    """In closed form: a part of a pattern, normal with standard deviation 1, adds the pattern's outer product to the
+    covariance of its row."""
+    (disagreement,) = seen().disagreements
+    plain = dataclasses.replace(disagreement, seen=np.zeros_like(disagreement.seen))
+    pattern = np.random.default_rng(0).normal(size=plain.seen.shape) * 3 * LEAST
+    doubtful = dataclasses.replace(plain, doubt=pattern)
+    (before, _, likely), (after, _, less_likely) = plain.statistics(), doubtful.statistics()
+    count = before.shape[0] // 2
+    independent = 1 - 3 / plain.seen.shape[1]
+    lost, determinant = np.zeros((count, count)), 0.0
+    for row in range(plain.seen.shape[1]):
+        of_row = plain.by_size[:, row].astype(float)
+        precision = np.eye(len(of_row)) * independent / plain.usual[:, row] ** 2
+        covariance = np.linalg.inv(precision) + np.outer(pattern[:, row], pattern[:, row])
+        lost += of_row.T @ (precision - np.linalg.inv(covariance)) @ of_row
+        determinant += np.linalg.slogdet(covariance @ precision)[1]
+    np.testing.assert_allclose((before - after)[:count, :count], lost, atol=1e-6 * np.abs(lost).max())
+    assert likely - less_likely == pytest.approx(determinant / 2)
+
+
 def test_wheels_that_a_motor_turns_on_the_floor_may_disagree_more():
     """By the angle that they turn, which the log's encoders and reference give without any model."""
     robot = preset("powered-caster")

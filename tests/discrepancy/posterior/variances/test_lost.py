@@ -59,7 +59,7 @@ def test_more_of_a_loss_is_a_larger_part_and_not_a_part_lost_twice():
     candidate = next(candidate for candidate in candidates_of(ROBOT) if candidate.is_of(LOSS))
     signature = signatures_of(lossy, log, state, np.zeros((len(log.t), 3)), [candidate]).readings[slice(None)][:, 0, 0]
     turned = np.diff(state[:, 3])
-    rate = turned * 2 * np.pi / ROBOT.castors[0].wheels[0].counts_per_rev / np.diff(log.t)
+    rate = turned * 2 * np.pi / float(ROBOT.castors[0].wheels[0].counts_per_rev or 0) / np.diff(log.t)
     lost = np.concatenate([[0.0], np.cumsum(np.where(rate > LOSS.above, turned, 0.0))])
     assert lost[-1] > 1e4
     np.testing.assert_allclose(signature, -lost, atol=1.0)
