@@ -192,15 +192,18 @@ def _diagnosed(
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
         named, seen, posterior, answers = named_together(base, look, ask, first, begin, displaced, hides)
         found = with_effects(base, named)
-        lossy = lossy_encoders(found, logs, seen, LOG_ODDS - prior_log_odds(names), tried | families_of(named))
-        tried |= families_of(lossy)
-        if lossy and (better := exchanged(base, look, named, (), seen, lossy, prior_log_odds(names))):
+        odds, better = prior_log_odds(names), None
+        while better is None and (
+            lossy := lossy_encoders(found, logs, seen, LOG_ODDS - odds, tried | families_of(named))
+        ):
+            tried |= families_of(lossy)
+            better = exchanged(base, look, named, (), seen, lossy, odds)
+        if better is not None:
             begin = better[0]
             first = afresh(begin)
             continue
         if extended := events.extended(found, logs, seen, good, answers, names):
             new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
-            odds = prior_log_odds(names)
             if new and (late := exchanged(base, look, named, (), seen, new, odds)):
                 begin = late[0]
                 first = afresh(begin)
@@ -313,7 +316,7 @@ def named_together(
                 if unlikely:
                     refused |= unlikely
                     continue
-            more = _most_explaining(vehicle, seen, named) if hides(seen) else []
+            more = _most_explaining(vehicle, posterior.names, seen, named) if hides(seen) else []
             same = _same(answers, seen)
             better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
@@ -358,24 +361,25 @@ def _unlikely(
     return set(itertools.product(before - after or {""}, after - before))
 
 
-def _most_explaining(vehicle: Any, seen: Seen, named: Sequence[Sized]) -> list[Sized]:
+def _most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Sequence[Sized]) -> list[Sized]:
     """Return the effects, `BESIDE` of them, that would explain most of what those in the model leave, in the sizes that
     the formula gives; of too few wheels for any to contradict the others also in half and twice these.
 
     What wheels cannot contradict, as there are too few or as all contacts give way, passes for noise, beside which the
     formula hardly sees it: an effect that explains most of it is as likely as its rivals. If it is much more than
     signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that. Sizes and
-    noise change together, so logs may be likely at sizes far apart, and much less likely between.
+    noise change together, so logs may be likely at sizes far apart, and much less likely between. names: of possible
+    answers, of which each stands for all that are the same on this vehicle.
     """
     in_model, explained, found = families_of(named), dict[Sized, float](), list[Sized]()
     for candidate in seen.candidates:
         searched = isinstance(candidate, Candidate) and candidate.at_a_place  # for the place that explains most
-        if candidate.kinds and candidate.family not in in_model and not searched:
+        if candidate.kinds and candidate.family in names and candidate.family not in in_model and not searched:
             none = Sized(candidate, np.zeros(candidate.columns))
             information, score = statistics_of([none], seen)
             effect = none.moved(np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0], dtype=np.float64))
             gain = score @ effect.amplitudes - effect.amplitudes @ information @ effect.amplitudes / 2
-            explained[effect] = float(gain) - candidate.columns  # which noise alone explains, half of that in each
+            explained[effect] = float(gain) - candidate.columns / 2  # which noise alone explains
     for effect in sorted(explained, key=explained.__getitem__)[: -BESIDE - 1 : -1]:
         others = () if seen.redundant else (-0.5, 1.0)
         sizes = [effect, *(effect.moved(part * effect.amplitudes) for part in others)]

@@ -170,12 +170,15 @@ def hypotheses_of(
     scale = fault_scales(seen)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
+    about_fitted = seen.masked + ABOUT_FITTED
+    if seen.masked != 1:  # beyond 1 what is seen of an effect changes its sign
+        about_fitted = about_fitted[(about_fitted - 1) * (seen.masked - 1) > 0]
     hypotheses, places = [], []
     for k, (candidate, columns) in enumerate(zip(seen.candidates, seen.columns, strict=True)):
         if candidate.family in unseen:
             continue
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
-        parts = (seen.masked + ABOUT_FITTED if candidate in in_model else PARTS).tolist() if hides else [0.0]
+        parts = (about_fitted if candidate in in_model else PARTS).tolist() if hides else [0.0]
         share = 1 / families.count(families[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
         hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, scale, width) for part in parts]
         places += [Place(k, part) for part in parts]
@@ -204,10 +207,11 @@ def direction_of(seen: Seen, place: Place) -> Array:
     return direction
 
 
-def directions_in_model(seen: Seen, candidates: Iterable[Cause]) -> Array:
-    """Return the change of b (m, columns) per unit of the amplitudes of candidates in the model: creep masks as much of
-    each as logs show."""
-    directions = [direction_of(seen, Place(seen.candidates.index(candidate), seen.masked)) for candidate in candidates]
+def directions_in_model(seen: Seen, candidates: Iterable[Cause], masked: float | None = None) -> Array:
+    """Return the change of b (m, columns) per unit of the amplitudes of candidates in the model: creep masks a part of
+    each, None: as much as these logs show."""
+    part = seen.masked if masked is None else masked
+    directions = [direction_of(seen, Place(seen.candidates.index(candidate), part)) for candidate in candidates]
     return np.concatenate([np.zeros((len(seen.logs[0].score), 0)), *directions], axis=1)
 
 

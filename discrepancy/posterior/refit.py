@@ -82,9 +82,9 @@ def possible(vehicle: Any, named: Sequence[Sized]) -> bool:
     return True
 
 
-def sizes_of(effects: Sequence[Sized], seen: Seen) -> Array:
-    """Return b (m,) of effects in the model."""
-    directions = directions_in_model(seen, [effect.candidate for effect in effects])
+def sizes_of(effects: Sequence[Sized], seen: Seen, masked: float | None = None) -> Array:
+    """Return b (m,) of effects in the model; masked: see `directions_in_model`."""
+    directions = directions_in_model(seen, [effect.candidate for effect in effects], masked)
     return directions @ np.concatenate([np.zeros(0), *(effect.amplitudes for effect in effects)])
 
 
@@ -229,8 +229,7 @@ def exchanged(
     first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
     distinguishes from them, or no more than by where the reference is mounted; one that is likelier by more than fits
     converge to is taken. displaced: how far the reference is mounted from where it is expected, in units of what
-    matters: if one of `same` brings it nearer by more than 1, that is taken unless it is unlikely, and the other way
-    round.
+    matters, about which it is Cauchy distributed: of `same` the likeliest with that is taken.
     """
     best, found = seen.log_evidence, None
 
@@ -243,11 +242,12 @@ def exchanged(
     first_sizes = {effect.candidate: effect for effect in reversed(more)}.values()
     added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in first_sizes]
     decided = set[frozenset[str]]()
+    unlikely = float(np.log1p(displaced(seen) ** 2))
     for k, effect in enumerate(named):
         for other in (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ())):
             effects = (*named[:k], other, *named[k + 1 :])
-            refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best - LOG_ODDS)
-            least = CONVERGED + float(np.log1p(displaced(fitted) ** 2) - np.log1p(displaced(seen) ** 2))
+            refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best - max(unlikely, LOG_ODDS))
+            least = CONVERGED + float(np.log1p(displaced(fitted) ** 2)) - unlikely
             if len(refit_effects) == len(effects) and fitted.log_evidence > best + least:
                 best = fitted_again()
                 if fitted.log_evidence > best + least:

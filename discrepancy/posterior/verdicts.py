@@ -229,7 +229,7 @@ class _HeldOut:
             effect.candidate not in self.without.candidates for effect in effects
         ):
             return None
-        size = sizes_of(effects, self.without)
+        size = sizes_of(effects, self.without, self.with_named.masked)
         explained = sum(float(size @ log.information @ size) for log in self.without.logs)
         return self._log_ratio(size, self.without.logs) if explained * SIGNATURE**2 < 1 else None
 

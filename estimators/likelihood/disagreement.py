@@ -39,6 +39,10 @@ MOST_CAUSED = 1.5
 know of them holds its wheels at speed, 0 if wheels give way to each other, or what least squares give: as makes the
 rest the likeliest."""
 
+MOST_ROUNDS, SETTLED = 10, 0.1
+"""Most rounds in which it is found by how much each row disagrees more, and the change, in standard errors, at which
+they end: the usual size follows what is left."""
+
 BY_TURNING = (0.0, *np.geomspace(1e-5, 1e-2, 16).tolist())
 """Amounts that are tried of disagreement of contacts that motors turn on the floor, m after 1 rad."""
 
@@ -57,17 +61,19 @@ class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
-    cause, the same part of it in all windows of a row. turned (W, rows): standard deviation of what motors that turn
-    contacts on the floor cause, if that is 1 m after 1 rad. by_size (W, rows, C): change of disagreement per unit of
-    each candidate's size, in single precision. counted (W,): windows that count. along (rows,): true for rolling
-    constraints, false for side slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its
-    window. steps (W,): number of steps in each window. quick: information (C, C), score (C,) and log-likelihood by how
-    short windows differ within these, and product (rows, C) of changes by sizes and of doubt there, and its square
-    (rows,). share: part of what the robot's effects cause that is there; NaN: they cause none.
+    cause. uneven (W, rows): what one row may disagree more, for each standard deviation of one number of that row,
+    which all windows share; in `seen` it has its likeliest value. turned (W, rows): standard deviation of what motors
+    that turn contacts on the floor cause, if that is 1 m after 1 rad. by_size (W, rows, C): change of disagreement per
+    unit of each candidate's size, in single precision. counted (W,): windows that count. along (rows,): true for
+    rolling constraints, false for side slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean
+    of its window. steps (W,): number of steps in each window. quick: information (C, C), score (C,) and log-likelihood
+    by how short windows differ within these, and product (rows, C) of changes by sizes and of `uneven` there, and its
+    square (rows,). share: part of what the robot's effects cause that is there; NaN: they cause none.
     """
 
     seen: Array
     doubt: Array
+    uneven: Array
     turned: Array
     by_size: NDArray[np.float32]
     counted: NDArray[np.bool_]
@@ -100,31 +106,41 @@ class Disagreement:
         turned = _part_of_way(turns, starts, rolled)
         shares = [(0.0, 0.0)]
         if np.any(caused):
-            share = float(np.clip(np.sum(seen * caused) / np.sum(caused**2), 0.0, MOST_CAUSED))
-            shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0), (share, UNEVEN * (1 - share))]
+            free = ~released.any(axis=1)
+            share = float(np.clip(np.sum((seen * caused)[free]) / np.sum(caused[free] ** 2), 0.0, MOST_CAUSED))
+            uneven = UNEVEN * float(np.hypot(share, 1 - share))  # what vanishes and what is left to be seen, by row
+            shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0), (share, uneven)]
 
-        def beside(left: Array, doubt: Array) -> tuple[Array, _Quick, Array, Array, float]:
-            """Return disagreement in long and short windows, score and information on its doubtful part, and the
-            log-likelihood."""
+        def beside(left: Array, uneven: Array) -> tuple[Array, _Quick, Array, Array, float]:
+            """Return disagreement in long and short windows, score and information on what each row disagrees more,
+            and the log-likelihood."""
             of_way = np.add.reduceat(left, starts, axis=0) / rolled[:, None]
-            quick = _Quick.of(left, turns, way, short, parts, along, counted)
+            quick = _Quick.of(left, uneven, turns, way, short, parts, along, counted)
             weight, likely = _weighed(of_way, _usual(of_way, counted, along, turned)[0], counted)
-            by_quick, quickly = quick.part(doubt)
-            doubted = np.add.reduceat(doubt, starts, axis=0) / rolled[:, None] * weight
-            score, information = np.sum(of_way * weight * doubted, axis=0), 1 + np.sum(doubted**2, axis=0)
+            by_quick, quickly = quick.by_row()
+            shown = np.add.reduceat(uneven, starts, axis=0) / rolled[:, None] * weight
+            score, information = np.sum(of_way * weight * shown, axis=0), 1 + np.sum(shown**2, axis=0)
             return of_way, quick, score + by_quick, information + quickly, likely + quick.likely
 
         found = []
         for share, by_row in shares:
-            left, doubt = seen - share * caused, by_row * caused
-            _, _, score, information, _ = beside(left, doubt)
-            part = score / information
-            of_way, quick, _, information, likely = beside(left - part * doubt, doubt)
-            quick.doubt(doubt)
-            quick.likely -= float(np.sum(part**2)) / 2
-            likely -= float(np.sum(part**2 + np.log(information))) / 2
-            found.append((likely, of_way, quick, share, np.add.reduceat(doubt, starts, axis=0) / rolled[:, None]))
-        _, of_way, quick, share, doubt = max(found, key=itemgetter(0))
+            left, uneven, more = seen - share * caused, by_row * caused, np.zeros(len(along))
+            of_way, quick, score, information, likely = beside(left, uneven)
+            for _ in range(MOST_ROUNDS if by_row else 0):
+                change = (score - more) / information
+                more = more + change
+                of_way, quick, score, information, likely = beside(left - more * uneven, uneven)
+                if np.all(np.abs(change) < SETTLED * information**-0.5):
+                    break
+            unlikely = float(np.sum(more**2)) / 2
+            quick.likely -= unlikely
+            likely -= unlikely + float(np.sum(np.log(information))) / 2
+            found.append((likely, of_way, quick, share, uneven))
+        _, of_way, quick, share, uneven = max(found, key=itemgetter(0))
+        doubt, uneven = (
+            np.add.reduceat(of_steps, starts, axis=0) / rolled[:, None]
+            for of_steps in (UNEVEN * np.abs(share * caused), uneven)
+        )
         by_size = []
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
         for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
@@ -138,6 +154,7 @@ class Disagreement:
         return cls(
             of_way,
             doubt,
+            uneven,
             turned,
             np.concatenate(by_size),
             counted,
@@ -189,10 +206,10 @@ class Disagreement:
         by_size, seen = self.by_size * weight[..., None], self.seen * weight
         columns = by_size.reshape(self.seen.size, -1)
         information, score = columns.T @ columns, columns.T @ seen.reshape(-1)
-        crossed = np.einsum("wr,wrc->rc", self.doubt * weight, by_size) + self.quick[3]
-        doubted = 1 + np.sum((self.doubt * weight) ** 2, axis=0) + self.quick[4]
-        information = information + self.quick[0] - (crossed.T / doubted) @ crossed
-        score, likely = score + self.quick[1], likely + self.quick[2] - float(np.sum(np.log(doubted))) / 2
+        crossed = np.einsum("wr,wrc->rc", self.uneven * weight, by_size) + self.quick[3]
+        of_rows = 1 + np.sum((self.uneven * weight) ** 2, axis=0) + self.quick[4]
+        information = information + self.quick[0] - (crossed.T / of_rows) @ crossed
+        score, likely = score + self.quick[1], likely + self.quick[2] - float(np.sum(np.log(of_rows))) / 2
         masked = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the masked amount of a size disagrees less by as much
         return np.kron(masked, information).astype(np.float64), np.concatenate([score, -score]), likely
 
@@ -205,7 +222,7 @@ class _Quick:
         """rolled, way (V,): way of each of V short windows, and the same as a divisor. short: steps in a short window;
         parts: short windows in a long one."""
         self._rolled, self._way, self._short, self._parts = rolled, way, short, parts
-        self._seen = self._weight = self._doubt = np.zeros((0, 0))
+        self._seen = self._weight = self._uneven = np.zeros((0, 0))
         self._sums: tuple[Array | float, Array | float, Array | float] = (0.0, 0.0, 0.0)
         self.likely = 0.0
 
@@ -213,6 +230,7 @@ class _Quick:
     def of(
         cls,
         disagreement: Array,
+        uneven: Array,
         turns: Array,
         way: Array,
         short: int,
@@ -220,7 +238,8 @@ class _Quick:
         along: NDArray[np.bool_],
         counted: NDArray[np.bool_],
     ) -> "_Quick":
-        """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,); turns (K - 1, rows):
+        """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,), and for what each row may
+        disagree more, likewise; turns (K - 1, rows):
         variance of what motors that turn contacts on the floor cause; counted (W,): long windows that count."""
         starts = np.arange(0, len(way), short)
         quick = cls(_rolled(way, starts), np.add.reduceat(way, starts), short, parts)
@@ -229,7 +248,7 @@ class _Quick:
         sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
         turned = _part_of_way(turns, starts, quick._rolled)
         free = (parts - 1) / parts
-        quick._doubt = np.zeros_like(quick._seen)
+        quick._uneven = quick._differences(uneven, slice(0, len(way)))
         usual, quick.likely = _with_turning(quick._seen, np.where(along, *sizes), counts, turned, free)
         quick._weight, _ = _weighed(quick._seen, usual, counts, free)
         return quick
@@ -241,24 +260,20 @@ class _Quick:
         seen = (self._seen * self._weight)[windows].reshape(-1)
         columns = (differences * self._weight[windows, :, None]).reshape(len(seen), by_size.shape[-1])
         information, score, crossed = self._sums
-        doubt = (self._doubt * self._weight**2)[windows]
-        crossed = crossed + np.einsum("vr,vrc->rc", doubt, differences)
+        uneven = (self._uneven * self._weight**2)[windows]
+        crossed = crossed + np.einsum("vr,vrc->rc", uneven, differences)
         self._sums = information + columns.T @ columns, score + columns.T @ seen, crossed
 
-    def part(self, uneven: Array) -> tuple[Array, Array]:
-        """Return score and information (rows,) of by how much of `uneven` (K - 1, rows), m, each row disagrees more."""
-        doubt = self._differences(uneven, slice(0, len(uneven)))
-        return np.sum(self._seen * doubt * self._weight**2, axis=0), np.sum((doubt * self._weight) ** 2, axis=0)
-
-    def doubt(self, uneven: Array) -> None:
-        """Let each row disagree by any part of `uneven` (K - 1, rows), m."""
-        self._doubt = self._differences(uneven, slice(0, len(uneven)))
+    def by_row(self) -> tuple[Array, Array]:
+        """Return score and information (rows,) of what each row disagrees more, in its standard deviations."""
+        shown = self._uneven * self._weight
+        return np.sum(self._seen * self._weight * shown, axis=0), np.sum(shown**2, axis=0)
 
     def statistics(self) -> tuple[Array, Array, float, Array, Array]:
         """Return information (C, C) and score (C,) of sizes, the log-likelihood where all are 0, the product (rows, C)
-        of changes by sizes and of doubt, and the square (rows,) of doubt."""
+        of changes by sizes and of what each row may disagree more, and the square (rows,) of that."""
         information, score, crossed = (np.asarray(of_sizes) for of_sizes in self._sums)
-        return information, score, self.likely, crossed, np.sum((self._doubt * self._weight) ** 2, axis=0)
+        return information, score, self.likely, crossed, self.by_row()[1]
 
     def _differences(self, by_step: Array, steps: slice) -> Array:
         """Return sums over short windows (v, ...) beyond their share of the long window's sum, over the way."""
