@@ -181,8 +181,8 @@ def _diagnosed(
     def displaced(seen: Linearised) -> float:
         return float(np.hypot(*(seen.state.mount[:2] - mounted))) / max(material.position, 1e-12)
 
-    def hides(seen: Linearised) -> bool:
-        """Whether what passes for noise of contacts costs more than matters."""
+    def hidden(seen: Linearised) -> bool:
+        """Whether what passes for noise of contacts costs more than matters, and may be an effect."""
         return float(np.hypot(seen.noise.along, seen.noise.across)) * WAY**0.5 > material.position
 
     begin, tried = most_likely(robot, logs, plain), frozenset[str]()
@@ -190,18 +190,9 @@ def _diagnosed(
     plain = plain.without_designs()
     while True:
         somewhere = tuple(candidate for candidate in first.candidates if candidate.at_a_place)
-        named, seen, posterior, answers = named_together(base, look, ask, first, begin, displaced, hides)
+        named, seen, posterior, answers = named_together(base, look, ask, first, begin, displaced)
         found = with_effects(base, named)
-        odds, better = prior_log_odds(names), None
-        while better is None and (
-            lossy := lossy_encoders(found, logs, seen, LOG_ODDS - odds, tried | families_of(named))
-        ):
-            tried |= families_of(lossy)
-            better = exchanged(base, look, named, (), seen, lossy, odds)
-        if better is not None:
-            begin = better[0]
-            first = afresh(begin)
-            continue
+        odds = prior_log_odds(names)
         if extended := events.extended(found, logs, seen, good, answers, names):
             new = late_encoders(robot, logs, seen, extended.faulty[len(events.faulty) :])
             if new and (late := exchanged(base, look, named, (), seen, new, odds)):
@@ -211,6 +202,22 @@ def _diagnosed(
             events, released = extended, extended.released(found, logs, seen)
             first = afresh(begin)
             continue
+        better = None
+        while better is None and (
+            lossy := lossy_encoders(found, logs, seen, LOG_ODDS - odds, tried | families_of(named))
+        ):
+            tried |= families_of(lossy)
+            better = exchanged(base, look, named, (), seen, lossy, odds)
+        if better is not None:
+            begin = better[0]
+            first = afresh(begin)
+            continue
+        if not (begin or named) and seen.redundant and hidden(seen):
+            more = most_explaining(base, posterior.names, seen, named)
+            if better := exchanged(base, look, named, (), seen, more, odds):
+                begin = better[0]
+                first = afresh(begin)
+                continue
         if looked or not (channels := encoders_of(answers)):
             break
         looked, curve = True, learned(found, logs, seen, channels, depends)
@@ -275,15 +282,14 @@ def named_together(
     first: S,
     begin: Sequence[Sized] = (),
     displaced: Callable[[S], float] = lambda seen: 0.0,
-    hides: Callable[[S], bool] = lambda seen: not seen.redundant,
 ) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
-    first: statistics of the logs with the effects `begin` in the model; displaced: see `exchanged`. hides: whether an
-    effect that matters may pass for noise. ask: returns the posterior without hypotheses of some families. The
-    posterior compares effects by signatures, which are wrong of large ones, so that an effect which takes the place of
-    another, or may do so, is refused if fits with both in turn are at odds with that.
+    first: statistics of the logs with the effects `begin` in the model; displaced: see `exchanged`. ask: returns the
+    posterior without hypotheses of some families. The posterior compares effects by signatures, which are wrong of
+    large ones, so that an effect which takes the place of another, or may do so, is refused if fits with both in turn
+    are at odds with that.
     """
     seen, named, refused, compared = first, tuple(begin), set[tuple[str, str]](), frozenset[str]()
     tried = [families_of(named)]
@@ -316,7 +322,7 @@ def named_together(
                 if unlikely:
                     refused |= unlikely
                     continue
-            more = _most_explaining(vehicle, posterior.names, seen, named) if hides(seen) else []
+            more = [] if seen.redundant else most_explaining(vehicle, posterior.names, seen, named)
             same = _same(answers, seen)
             better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
@@ -361,7 +367,7 @@ def _unlikely(
     return set(itertools.product(before - after or {""}, after - before))
 
 
-def _most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Sequence[Sized]) -> list[Sized]:
+def most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Sequence[Sized]) -> list[Sized]:
     """Return the effects, `BESIDE` of them, that would explain most of what those in the model leave, in the sizes that
     the formula gives; of too few wheels for any to contradict the others also in half and twice these.
 
