@@ -1,4 +1,4 @@
-"""A first map of a recording, from its channels' names and numbers; what no name speaks for stays undecided."""
+"""A first map of a recording, from its channels' names and numbers; what these do not tell stays undecided."""
 
 import re
 from collections.abc import Iterable, Mapping

@@ -1,4 +1,4 @@
-"""A first map, guessed from names as they are found in the field; what no name speaks for is left open."""
+"""A first map, guessed from names as they are found in the field; what they do not tell is left open."""
 
 import numpy as np
 import pytest
