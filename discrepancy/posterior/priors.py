@@ -155,8 +155,8 @@ def _basis(seen: Seen) -> Array:
 def hypotheses_of(
     robot: RobotDescription, seen: Linearised, in_model: Collection[Cause] = ()
 ) -> tuple[list[Hypothesis], list[Place]]:
-    """Return all hypotheses, and the candidate and masked part of each; of effects in the model that is as fitted,
-    `ABOUT_FITTED`.
+    """Return all hypotheses, and the candidate and masked part of each: for effects in the model (`in_model`) parts
+    near the one that logs show, for all others `PARTS`.
 
     All families have the same prior probability. Candidates whose place or time was chosen to suit the logs share that
     of their family with all places or times that were searched; the unnamed alternatives of one encoder, wheel or

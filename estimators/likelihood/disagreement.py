@@ -108,8 +108,8 @@ class Disagreement:
         if np.any(caused):
             free = ~released.any(axis=1)
             share = float(np.clip(np.sum((seen * caused)[free]) / np.sum(caused[free] ** 2), 0.0, MOST_CAUSED))
-            uneven = UNEVEN * float(np.hypot(share, 1 - share))  # what vanishes and what is left to be seen, by row
-            shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0), (share, uneven)]
+            shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0)]
+            shares += [(share, UNEVEN * float(np.hypot(share, 1 - share)))]  # by row: what vanishes, and what is left
 
         def beside(left: Array, uneven: Array) -> tuple[Array, _Quick, Array, Array, float]:
             """Return disagreement in long and short windows, score and information on what each row disagrees more,
@@ -152,18 +152,18 @@ class Disagreement:
         steps = np.diff(np.append(starts, len(way)))
         way = np.repeat(rolled / steps, steps)
         return cls(
-            of_way,
-            doubt,
-            uneven,
-            turned,
-            np.concatenate(by_size),
-            counted,
-            along,
-            t[starts],
-            way,
-            steps,
-            quick.statistics(),
-            share if len(shares) > 1 else np.nan,
+            seen=of_way,
+            doubt=doubt,
+            uneven=uneven,
+            turned=turned,
+            by_size=np.concatenate(by_size),
+            counted=counted,
+            along=along,
+            t=t[starts],
+            way=way,
+            steps=steps,
+            quick=quick.statistics(),
+            share=share if len(shares) > 1 else np.nan,
         )
 
     def sizes(self) -> Sizes:
@@ -239,8 +239,8 @@ class _Quick:
         counted: NDArray[np.bool_],
     ) -> "_Quick":
         """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,), and for what each row may
-        disagree more, likewise; turns (K - 1, rows):
-        variance of what motors that turn contacts on the floor cause; counted (W,): long windows that count."""
+        disagree more, likewise; turns (K - 1, rows): variance of what motors that turn contacts on the floor cause;
+        counted (W,): long windows that count."""
         starts = np.arange(0, len(way), short)
         quick = cls(_rolled(way, starts), np.add.reduceat(way, starts), short, parts)
         quick._seen = quick._differences(disagreement, slice(0, len(way)))

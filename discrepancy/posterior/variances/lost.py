@@ -28,7 +28,7 @@ def lossy_encoders(
     robot: RobotDescription, logs: Sequence[Log], seen: Linearised, least: float, besides: Collection[str] = ()
 ) -> list[Sized]:
     """Return the loss of a wheel's encoder with which it agrees better with the other wheels or the reference, by a log
-    likelihood ratio of more than `least` and the most of all; of all families but some."""
+    likelihood ratio of more than `least` and the most of all; besides: families that are not considered."""
     channels, found = Channels(robot), list[Sized]()
     for candidate in candidates_of(robot):
         kind = candidate.kinds[0]

@@ -1,5 +1,5 @@
 """Dimensions guessed together: laws of their posterior, sizes by calibration, and a measured robot whose odometry they
-bring nearer to the reference where no name is certain."""
+bring nearer to the reference where names are uncertain."""
 
 # pyright: reportOptionalSubscript=false
 

@@ -140,7 +140,7 @@ def test_wheels_that_all_motors_hold_tell_of_each_other_without_a_reference(robo
 
 
 def test_a_castor_that_drags_others_is_named_alone():
-    """By which part others give way differs from row to row: else two offsets that are right explain the difference."""
+    """The others give way to it by a part that logs show, and that differs from row to row."""
     effect = PivotOffset(castor=1, value=-0.0037)
     log, held_out = (driven("powered-caster", seed, effect, duration=20.0) for seed in (3, 4))
     (answer,) = diagnose(preset("powered-caster"), [log], [held_out]).answers
