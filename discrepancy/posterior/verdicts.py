@@ -11,9 +11,9 @@ from scipy.special import expit, logit
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, LOG_ODDS, SIGNATURE
+from discrepancy.posterior.model.refit import Sized, sizes_of
 from discrepancy.posterior.priors import directions_in_model
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
-from discrepancy.posterior.refit import Sized, sizes_of
 from estimators.calibration.identifiability import COVERAGE
 
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")

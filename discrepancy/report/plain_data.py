@@ -11,8 +11,8 @@ from castor_envs.logs.log import Log
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
-from discrepancy.posterior.dimensions import Dimension
 from discrepancy.posterior.finder import Diagnosis
+from discrepancy.posterior.model.dimensions import Dimension
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
 from estimators.calibration.identifiability import COVERAGE

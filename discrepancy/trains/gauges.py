@@ -12,7 +12,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import SHOWN, Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
-from discrepancy.posterior.refit import Sized
+from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.variances.jitter import SIZES, held_out_log_odds, weighed
 from discrepancy.trains.candidates import Candidate
 from discrepancy.trains.linearise import Linearised, cost_of_noise

@@ -12,9 +12,10 @@ from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer, Cause, Place
-from discrepancy.posterior.finder import Asked, Diagnosis, asked, named_together
+from discrepancy.posterior.finder import Diagnosis
+from discrepancy.posterior.model.named_together import Asked, asked, named_together
+from discrepancy.posterior.model.refit import Sized, sizes_of, with_effects
 from discrepancy.posterior.priors import fault_scales, hypothesis_of, order_of
-from discrepancy.posterior.refit import Sized, sizes_of, with_effects
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals

@@ -15,8 +15,8 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.linearise import Linearised
+from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.priors import bounds_of
-from discrepancy.posterior.refit import Sized
 from discrepancy.posterior.variances.at_times import Faulty
 from estimators.likelihood.disagreement import slip_of_row
 

@@ -1,7 +1,7 @@
 """Learned terms: unnamed alternatives that depend on a quantity known in simulation, as a curve with its probability.
 
-The curve is a Gaussian process: smooth, of mean 0 and unknown size. Its knots are columns of the linear problem
-(`linearise`), so its marginal likelihood, mean and errors have closed forms.
+The curve is a Gaussian process: smooth, of unknown size, about an unknown level. Its knots are columns of the linear
+problem (`linearise`), so its marginal likelihood, mean and errors have closed forms.
 """
 
 from collections.abc import Callable, Sequence
@@ -139,22 +139,33 @@ def _curve(
     term: LearnedTerm, statistics: Statistics, columns: NDArray[np.intp], count: int
 ) -> tuple[float, Array, Array]:
     """Return the log Bayes factor of a curve against none, averaged over its size and masked part; and mean and
-    standard deviation of its values (k,) at the likeliest size and part."""
-    covariance, found = _covariance(term), []
+    standard deviation of its values (k,) at the likeliest size and part.
+
+    Both may be at another level: what is read too much by the same fraction throughout is a radius or a gain, which the
+    catalogue has.
+    """
+    covariance, level, found = _covariance(term), np.full(2 * (len(term.knots),), LearnedTerm.tolerance**2), []
     for part in PARTS.tolist():
         way = np.zeros((len(statistics.score), len(columns)))
         way[columns, np.arange(len(columns))] = 1.0
         way[columns + count, np.arange(len(columns))] = part
         information, score = way.T @ statistics.information @ way, way.T @ statistics.score
+        without, *_ = _with_prior(level, information, score)
         for size in SIZES.tolist():
-            prior = size**2 * covariance
-            blurred = np.eye(len(columns)) + prior @ information
-            solved = np.linalg.solve(blurred, np.column_stack([prior @ score, prior]))
-            log_factor = float(score @ solved[:, 0] - np.linalg.slogdet(blurred)[1]) / 2
-            found.append((log_factor, solved[:, 0], np.sqrt(np.maximum(np.diag(solved[:, 1:]), 0.0))))
+            log_evidence, mean, error = _with_prior(level + size**2 * covariance, information, score)
+            found.append((log_evidence - without, mean, error))
     log_factors = np.array([entry[0] for entry in found])
     _, mean, error = found[int(np.argmax(log_factors))]
     return float(np.logaddexp.reduce(log_factors) - np.log(len(found))), mean, error
+
+
+def _with_prior(prior: Array, information: Array, score: Array) -> tuple[float, Array, Array]:
+    """Return the log evidence of normally distributed values (k,) with this covariance (k, k) about 0, against values
+    of 0; and their posterior mean and standard deviation."""
+    blurred = np.eye(len(score)) + prior @ information
+    solved = np.linalg.solve(blurred, np.column_stack([prior @ score, prior]))
+    log_evidence = float(score @ solved[:, 0] - np.linalg.slogdet(blurred)[1]) / 2
+    return log_evidence, solved[:, 0], np.asarray(np.sqrt(np.maximum(np.diag(solved[:, 1:]), 0.0)))
 
 
 def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[str, float] | None:

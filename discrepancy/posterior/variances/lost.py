@@ -16,8 +16,8 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.measurement.fit_states import wheel_readings
 from discrepancy.posterior.linearise import Linearised
+from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.priors import bounds_of
-from discrepancy.posterior.refit import Sized
 from estimators.likelihood.channels import Channels
 
 PARTS = np.arange(1, 21) / 20

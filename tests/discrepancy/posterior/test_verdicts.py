@@ -11,8 +11,8 @@ from castor_envs.effects.dimensions import WheelRadius
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.posterior.refit import Sized
 from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
 
 CAUSE: Any = SimpleNamespace(

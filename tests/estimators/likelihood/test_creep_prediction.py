@@ -15,7 +15,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.linearise import linearise
-from discrepancy.posterior.refit import Sized, refitted
+from discrepancy.posterior.model.refit import Sized, refitted
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
 from estimators.likelihood.creep_prediction import LEAST_NOISE, Slipping

@@ -11,8 +11,8 @@ from castor_envs.effects.encoders import PivotGain
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
-from discrepancy.posterior.finder import named_together
-from discrepancy.posterior.refit import families_of
+from discrepancy.posterior.model.named_together import named_together
+from discrepancy.posterior.model.refit import families_of
 
 ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
 PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))

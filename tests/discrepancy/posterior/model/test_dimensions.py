@@ -5,20 +5,22 @@ bring nearer to the reference where names are uncertain."""
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from castor_envs.effects.dimensions import PivotBias, PivotPositionX, WheelRadius
+from castor_envs.effects.dimensions import PivotBias, PivotOffset, PivotPositionX, WheelRadius
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
-from discrepancy.posterior.dimensions import dimensions_of, most_likely, shared_cauchy
+from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
-from discrepancy.posterior.refit import with_effects
+from discrepancy.posterior.model.dimensions import dimensions_of, guessed, most_likely, shared_cauchy
+from discrepancy.posterior.model.refit import Sized, with_effects
 from discrepancy.trials.pymunk_generator import drive
 
 
@@ -60,6 +62,19 @@ def test_posterior_means_are_the_same_in_other_units():
     plain = shared_cauchy(information, score, np.full(4, 0.1))
     scaled = shared_cauchy(information / np.outer(unit, unit), score / unit, 0.1 * unit)
     assert np.array(scaled) / unit == pytest.approx(np.array(plain), rel=1e-6)
+
+
+def test_a_guess_that_no_robot_can_have_is_none(monkeypatch):
+    """A log of hardly any motion, whose formula moves a castor's axle to the other side of its pivot."""
+    robot, offset = preset("powered-caster"), Candidate("offset", (PivotOffset(castor=1, value=PivotOffset.step),))
+    far = [Sized(offset, np.array([-1.0]))], [np.ones(1)]
+    monkeypatch.setattr("discrepancy.posterior.model.dimensions._together", lambda *_: far)
+    monkeypatch.setattr("discrepancy.posterior.model.dimensions.order_of", lambda *_: None)
+    looked: list[int] = []
+    nothing: Any = None
+    look: Any = lambda *_: looked.append(1)  # noqa: E731
+    assert guessed(robot, look, nothing, None, [Sized(offset, np.zeros(1))], []) == []
+    assert len(looked) == 1
 
 
 def driven(name, *effects, seed=3):

@@ -1,11 +1,10 @@
 """Puts effects into the model and finds their maximum-likelihood sizes, with the states fitted anew at each step."""
 
 import dataclasses
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
-from types import MappingProxyType
 from typing import Any, TypeVar
 
 import numpy as np
@@ -14,7 +13,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen, size_of
-from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE
+from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE
 from discrepancy.posterior.priors import bounds_of, directions_in_model
 from discrepancy.posterior.random_effects import Statistics, summed
 
@@ -26,10 +25,6 @@ robot can have it, or if it makes the logs less likely."""
 
 STRETCH = 1.1
 """Factor by which sizes are tried that Newton's method may have left too small."""
-
-RIVALS, SIMILAR = 2, 0.5
-"""Most rivals with which a large effect is compared, those of the most similar signatures; and the least squared cosine
-of the signatures of a rival."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -206,109 +201,6 @@ def _is_large(effect: Sized, seen: Seen) -> bool:
         return False
     size = sizes_of([effect], seen)
     return float(size @ summed(seen.logs).information @ size) * SIGNATURE**2 > 1
-
-
-def exchanged(
-    vehicle: Any,
-    look: Look[S],
-    named: Sequence[Sized],
-    large: Sequence[Cause],
-    seen: S,
-    more: Sequence[Sized] = (),
-    odds: float = 0.0,
-    same: Mapping[Cause, Sequence[Cause]] = MappingProxyType({}),
-    displaced: Callable[[S], float] = lambda seen: 0.0,
-) -> tuple[tuple[Sized, ...], S] | None:
-    """Return effects with which logs are likelier than with those in the model, and the statistics beside them; None if
-    there are none.
-
-    Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
-    one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
-    Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
-    their sizes are (`_log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
-    first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
-    distinguishes from them, or no more than by where the reference is mounted; one that is likelier by more than fits
-    converge to is taken. displaced: how far the reference is mounted from where it is expected, in units of what
-    matters, about which it is Cauchy distributed: of `same` the likeliest with that is taken.
-    """
-    best, found = seen.log_evidence, None
-
-    def fitted_again() -> float:
-        """The states of the model itself may not have converged either."""
-        return max(best, look(named, seen, [effect.candidate for effect in named]).log_evidence)
-
-    of_named = _log_prior(named, seen)
-    added = [((*named, effect), LOG_ODDS - odds) for effect in more]
-    first_sizes = {effect.candidate: effect for effect in reversed(more)}.values()
-    added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in first_sizes]
-    decided = set[frozenset[str]]()
-    unlikely = float(np.log1p(displaced(seen) ** 2))
-    for k, effect in enumerate(named):
-        for other in (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ())):
-            effects = (*named[:k], other, *named[k + 1 :])
-            refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best - max(unlikely, LOG_ODDS))
-            least = CONVERGED + float(np.log1p(displaced(fitted) ** 2)) - unlikely
-            if len(refit_effects) == len(effects) and fitted.log_evidence > best + least:
-                best = fitted_again()
-                if fitted.log_evidence > best + least:
-                    return refit_effects, fitted
-            decided.add(families_of(effects))
-    for effects, advantage in [*_alternatives(named, large, seen), *added]:
-        if families_of(effects) in decided:
-            continue
-        refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best + advantage)
-        if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):
-            continue
-        if len(effects) == len(named):
-            advantage += max(of_named - _log_prior(refit_effects, fitted), 0.0)
-        if found is None:
-            best = fitted_again()
-        if fitted.log_evidence > best + advantage:
-            best, found = fitted.log_evidence - advantage, (refit_effects, fitted)
-    return found
-
-
-def _log_prior(effects: Sequence[Sized], seen: Seen) -> float:
-    """Return the prior log probability (natural logarithm, up to a constant for each effect) that effects have these
-    sizes, to within their standard errors: faults are Cauchy distributed (`priors`)."""
-    present = [effect for effect in effects if effect.candidate in seen.candidates]
-    if not present:
-        return 0.0
-    variances = np.diag(np.linalg.pinv(statistics_of(present, seen).information, rcond=1e-9, hermitian=True))
-    ends, log_prior = np.cumsum([effect.candidate.columns for effect in present])[:-1], 0.0
-    for effect, variance in zip(present, np.split(variances, ends), strict=True):
-        if not effect.candidate.kinds[0].binary:
-            scale = FAULT * effect.candidate.kinds[0].tolerance
-            log_prior += float(np.mean(np.log(variance))) / 2 - np.log(scale) - np.log1p((effect.size / scale) ** 2)
-    return log_prior
-
-
-def _alternatives(
-    named: Sequence[Sized], large: Sequence[Cause], seen: Seen
-) -> Iterator[tuple[tuple[Sized, ...], float]]:
-    """Yield alternatives to the effects in the model, and the increase of the log evidence from which each is better:
-    negative if it has an effect less."""
-    if len(named) > 1:
-        for sized in named:
-            yield tuple(effect for effect in named if effect is not sized), -LOG_ODDS
-    compared = [sized for sized in named if sized.candidate in large and sized.candidate.columns == 1]
-    if not compared:
-        return
-    statistics, in_model = summed(seen.logs), {sized.candidate for sized in named}
-    rivals = {
-        candidate: directions_in_model(seen, [candidate])[:, 0]
-        for candidate in seen.candidates
-        if candidate.columns == 1 and candidate.kinds and candidate not in in_model
-    }
-    square = {rival: float(direction @ statistics.information @ direction) for rival, direction in rivals.items()}
-    for sized in compared:
-        of_effect = directions_in_model(seen, [sized.candidate])[:, 0]
-        by_effect = statistics.information @ of_effect
-        product = {rival: float(rivals[rival] @ by_effect) for rival in rivals if square[rival] > 0}
-        cosine = {rival: product[rival] ** 2 / (square[rival] * (of_effect @ by_effect)) for rival in product}
-        for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:
-            instead = in_place_of(sized, rival, seen)
-            yield tuple(instead if effect is sized else effect for effect in named), LOG_ODDS
 
 
 def statistics_of(effects: Sequence[Sized], seen: Seen) -> Statistics:

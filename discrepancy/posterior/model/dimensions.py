@@ -21,9 +21,9 @@ from discrepancy.hypotheses.candidates import NUMBERS
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised
+from discrepancy.posterior.model.refit import Sized, possible
 from discrepancy.posterior.priors import directions_in_model, order_of, same_effects, tolerances
 from discrepancy.posterior.random_effects import GoodOrder, agreeing
-from discrepancy.posterior.refit import Sized
 from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES
 from discrepancy.posterior.verdicts import Material
 from estimators.calibration.maximum_likelihood.calibrate import calibrate
@@ -80,13 +80,15 @@ def most_likely(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) 
 
 
 def guessed(
+    robot: RobotDescription,
     look: Callable[[Sequence[Sized], Linearised, Sequence[Cause]], Linearised],
     seen: Linearised,
     good: Linearised | None,
     dimensions: Sequence[Sized],
     others: Sequence[Sized],
 ) -> list[Dimension]:
-    """Return the posterior mean of all dimensions together, with the states fitted anew beside it.
+    """Return the posterior mean of all dimensions together, with the states fitted anew beside it; none where no robot
+    can have it, as logs of hardly any motion may guess.
 
     good: clean logs, linearised. dimensions: all of them, in sizes to begin with. others: further effects in the model,
     whose prior is flat.
@@ -96,6 +98,8 @@ def guessed(
     for _ in range(ROUNDS):
         seen = look([effect for effect in current if np.any(effect.amplitudes)], seen, among)
         current, errors = _together(seen, order_of(seen, good), current, len(dimensions))
+        if not possible(robot, current):
+            return []
     return [Dimension(effect, error) for effect, error in zip(current, errors, strict=False)]
 
 

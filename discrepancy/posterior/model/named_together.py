@@ -1,0 +1,234 @@
+"""Which effects come into the model: those that the posterior names beside it, unless fits contradict them, until the
+names stay the same."""
+
+import itertools
+from collections.abc import Callable, Collection, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from castor_envs.geometry.arrays import Array
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.posterior.answers import Answer, Cause, Place, Seen, answers_of
+from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
+from discrepancy.posterior.model.exchange import exchanged
+from discrepancy.posterior.model.refit import (
+    Look,
+    S,
+    Sized,
+    families_of,
+    in_place_of,
+    possible,
+    refitted,
+    statistics_of,
+)
+from discrepancy.posterior.random_effects import GoodOrder, agreeing
+from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
+
+LOOKS = 6
+"""Most rounds in which the posterior of all candidates is computed beside the effects named before."""
+
+BESIDE = 2
+"""Number of likeliest effects, beside those in the model, that are fitted while the noise is estimated: until it is in
+the model, an effect counts as noise, and may hide itself."""
+
+SECOND = 0.2
+"""Least part of the deviance explained by the largest new effect that another new effect must explain to enter the
+model in the same round; if the set of effects is then one tried before, all new effects enter."""
+
+Asked = tuple[Posterior, list[Answer]]
+"""A posterior over all hypotheses, and the answers that it gives."""
+
+
+def named_together(
+    vehicle: Any,
+    look: Look[S],
+    ask: Callable[[S, Sequence[Sized], Collection[str]], Asked],
+    first: S,
+    begin: Sequence[Sized] = (),
+    displaced: Callable[[S], float] = lambda seen: 0.0,
+) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
+    """Add the effects that the answers name to the model until the names stay the same; return these effects, the
+    statistics beside them, the posterior and the answers.
+
+    first: statistics of the logs with the effects `begin` in the model; displaced: see `exchanged`. ask: returns the
+    posterior without hypotheses of some families. The posterior compares effects by signatures, which are wrong of
+    large ones, so that an effect which takes the place of another, or may do so, is refused if fits with both in turn
+    are at odds with that.
+    """
+    seen, named, refused, compared = first, tuple(begin), set[tuple[str, str]](), frozenset[str]()
+    tried = [families_of(named)]
+    while True:
+        in_model = families_of(named)
+        posterior, answers = ask(seen, named, {new for old, new in refused if old in {*in_model, ""}})
+        odds = prior_log_odds(len(posterior.names))
+        for least in (SECOND, 0.0):
+            new = _taken_in(vehicle, answers, named, least)
+            families = families_of(new)
+            if families not in tried:
+                break
+        if len(tried) > LOOKS:
+            return named, seen, posterior, answers
+        if families not in tried:
+            tried.append(families)
+            better = refitted(vehicle, look, named, new, seen)
+            if families_of(better[0]) == in_model < families:  # with no part of the new ones the logs are as likely
+                refused |= {("", new) for new in families - in_model}
+                continue
+            if unlikely := _unlikely(named, seen, *better, odds):
+                refused |= unlikely
+                continue
+        else:
+            if in_model != compared:
+                compared, unlikely = in_model, set[tuple[str, str]]()
+                for rival in _ambiguous(answers, named, seen):
+                    fit = refitted(vehicle, look, named, rival, seen, seen.log_evidence - LOG_ODDS)
+                    unlikely |= _unlikely(named, seen, rival, fit[1] if fit[0] else None, odds)
+                if unlikely:
+                    refused |= unlikely
+                    continue
+            more = [] if seen.redundant else most_explaining(vehicle, posterior.names, seen, named)
+            same = _same(answers, seen)
+            better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
+            if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
+                return named, seen, posterior, answers
+            tried.append(families_of(better[0]))
+        named, seen = better
+        seen = look(named, seen, None)
+
+
+def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[tuple[Sized, ...]]:
+    """Yield the effects of a model with one exchanged for an effect that these motions may not distinguish from it."""
+    causes = _by_family(seen)
+    for answer, k in itertools.product(answers, range(len(named))):
+        if named[k].candidate == answer.candidate:
+            for name in answer.credible:
+                if name in causes and name not in families_of(named):
+                    yield (*named[:k], in_place_of(named[k], causes[name], seen), *named[k + 1 :])
+
+
+def _same(answers: Sequence[Answer], seen: Seen) -> dict[Cause, list[Cause]]:
+    """Return the effects that are the same as those of answers on this vehicle, whatever it does."""
+    causes = _by_family(seen)
+    return {answer.candidate: [causes[name] for name in answer.alike if name in causes] for answer in answers}
+
+
+def _by_family(seen: Seen) -> dict[str, Cause]:
+    """Return the candidates of the catalogue by their families."""
+    return {cause.family: cause for cause in seen.candidates if cause.kinds}
+
+
+def _unlikely(
+    named: Sequence[Sized], seen: Seen, new: Sequence[Sized], beside: Seen | None, odds: float
+) -> set[tuple[str, str]]:
+    """Return the families of effects that take the place of others in a model, each with the family of one of these, or
+    "" if they only come to it, where logs are so much less likely with them that they are not in the credible set.
+
+    beside: None where the new effects do not fit. odds: prior log odds (natural logarithm) of an effect.
+    """
+    before, after = families_of(named), families_of(new)
+    if beside is not None and seen.log_evidence - beside.log_evidence + odds * (len(named) - len(new)) < LOG_ODDS:
+        return set()
+    return set(itertools.product(before - after or {""}, after - before))
+
+
+def most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Sequence[Sized]) -> list[Sized]:
+    """Return the effects, `BESIDE` of them, that would explain most of what those in the model leave, in the sizes that
+    the formula gives; of too few wheels for any to contradict the others also in half and twice these.
+
+    What wheels cannot contradict, as there are too few or as all contacts give way, passes for noise, beside which the
+    formula hardly sees it: an effect that explains most of it is as likely as its rivals. If it is much more than
+    signatures can be extrapolated by, as a latency of 0.2 s is, only a fit with it in the model shows that. Sizes and
+    noise change together, so logs may be likely at sizes far apart, and much less likely between. names: of possible
+    answers, of which each stands for all that are the same on this vehicle.
+    """
+    in_model, explained, found = families_of(named), dict[Sized, float](), list[Sized]()
+    for candidate in seen.candidates:
+        searched = isinstance(candidate, Candidate) and candidate.at_a_place  # for the place that explains most
+        if candidate.kinds and candidate.family in names and candidate.family not in in_model and not searched:
+            none = Sized(candidate, np.zeros(candidate.columns))
+            information, score = statistics_of([none], seen)
+            effect = none.moved(np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0], dtype=np.float64))
+            gain = score @ effect.amplitudes - effect.amplitudes @ information @ effect.amplitudes / 2
+            explained[effect] = float(gain) - candidate.columns / 2  # which noise alone explains
+    for effect in sorted(explained, key=explained.__getitem__)[: -BESIDE - 1 : -1]:
+        others = () if seen.redundant else (-0.5, 1.0)
+        sizes = [effect, *(effect.moved(part * effect.amplitudes) for part in others)]
+        found += [sized for sized in sizes if possible(vehicle, [sized]) and np.any(sized.amplitudes)]
+    return found
+
+
+def _large(answers: Sequence[Answer]) -> list[Cause]:
+    """Return the effects that explain so much that their linear signatures may be wrong by more than noise, and the
+    binary ones: what is there or not is no linear question."""
+    return [
+        answer.candidate
+        for answer in answers
+        if answer.explained * SIGNATURE**2 > 1 or any(kind.binary for kind in answer.candidate.kinds)
+    ]
+
+
+def asked(
+    seen: Seen,
+    hypotheses: Sequence[Hypothesis],
+    places: Sequence[Place],
+    order: GoodOrder,
+    in_model: Array,
+    fitted: Array | None = None,
+    without: Collection[str] = (),
+) -> Asked:
+    """Return the posterior over all hypotheses, and the answers that it gives, the most certain first.
+
+    places: the candidate of each hypothesis. order: what robots in good order show. in_model: sizes in the model
+    already; fitted: those of them that have their maximum-likelihood size; None: all. without: families of which
+    there is no hypothesis.
+    """
+    kept = [k for k, place in enumerate(places) if seen.candidates[place.candidate].family not in without]
+    hypotheses, places = [hypotheses[k] for k in kept], [places[k] for k in kept]
+    fitted = in_model if fitted is None else fitted
+    single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
+    reestimated = seen.reestimate_noise(_likeliest(seen, posterior, places, in_model))
+    if reestimated is not seen:
+        seen = reestimated
+        single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
+    expected = sum((component.mean for component in posterior.components if component.nothing < 0.5), 0 * in_model)
+    single, posterior, score = _posterior(hypotheses, order, seen, in_model, expected - fitted, fitted)
+    return posterior, answers_of(seen, single, posterior, score, places, in_model)
+
+
+def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_model: Array) -> list[Cause]:
+    """Return the likeliest candidate of the catalogue in each component that is of one in the model, and in the most
+    certain of the others."""
+    named = np.array([bool(seen.candidates[place.candidate].kinds) for place in places])
+    best = (int(np.argmax(component.probability * named)) for component in posterior.components)
+    causes = list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
+    fitted = {cause for cause, columns in zip(seen.candidates, seen.columns, strict=True) if np.any(in_model[columns])}
+    return [cause for cause in causes if cause in fitted] + [cause for cause in causes if cause not in fitted][:BESIDE]
+
+
+def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> tuple[Sized, ...]:
+    """Return the effects to put into the model: those that stay, and new effects that explain at least the part `least`
+    of the deviance that the largest new effect explains. A smaller effect may only be the linearisation error of the
+    largest."""
+    kept = {effect.candidate for effect in named}
+    choices = [(answer, Sized(answer.candidate, answer.amplitudes)) for answer in answers if answer.effect is not None]
+    choices = [(answer, effect) for answer, effect in choices if possible(vehicle, [effect])]
+    largest = max((answer.explained for answer, effect in choices if effect.candidate not in kept), default=0.0)
+    return tuple(
+        effect for answer, effect in choices if effect.candidate in kept or answer.explained >= least * largest
+    )
+
+
+def _posterior(
+    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, in_model: Array, far: Array, fitted: Array
+) -> tuple[SingleEffects, Posterior, Array]:
+    """Return the posterior of hypotheses beyond what robots in good order show, and the score that it comes from.
+
+    in_model: sizes in the model already. far, fitted: sizes that determine the error of signatures
+    (`Statistics.doubted`).
+    """
+    logs = agreeing([log.at(-in_model) for log in seen.logs], seen.lasting)
+    logs = [log.doubted(far, fitted) for log in logs]
+    beyond = order.beyond(logs)
+    single = SingleEffects(hypotheses, beyond.information)
+    return single, single.posterior(beyond.score), beyond.score
