@@ -103,6 +103,20 @@ class Trial:
         """Whether the hidden effects, whatever they cost, are strong in both logs, and separate."""
         return min(self.least("z"), self.least("z", "holdout")) >= STRONG and self.least("z_sep") >= SEPARATE
 
+    def gap_grew(self, tolerance: float = 0.0) -> bool:
+        """Whether the held-out gap is larger after than before, by more than this, m per 10 m."""
+        return self.outcome["gap"]["after"] > self.outcome["gap"]["before"] + tolerance
+
+    def cost_of_errors(self) -> float:
+        """Return what the 95 % errors of the named sizes cost together, m per 10 m."""
+        return math.hypot(
+            *(
+                (size["high"] - size["low"]) / 2 * size["cost"] / abs(size["effect"]["value"])
+                for size in self.outcome["sizes"]
+                if size["low"] is not None and size["cost"]
+            )
+        )
+
     def reported(self) -> list[tuple[float, bool]]:
         """Return the probability of every reported class, and whether it was hidden.
 
@@ -179,7 +193,13 @@ RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial]
         "something named: the held-out gap is larger after than before",
         "",
         lambda case: case.outcome["gap"] is not None,
-        lambda case: case.outcome["gap"]["after"] > case.outcome["gap"]["before"],
+        Trial.gap_grew,
+    ),
+    (
+        "  by more than the 95 % errors of the named sizes cost",
+        "",
+        lambda case: case.outcome["gap"] is not None,
+        lambda case: case.gap_grew(case.cost_of_errors()),
     ),
     ("the finder broke down", "", None, lambda case: case.verdict == "broken"),
 )

@@ -45,11 +45,21 @@ def table(figures: Figures) -> str:
         for name, trials in generators.items()
     ]
     rows = [["", *heads], ["---"] * (len(heads) + 1)]
-    for k, rate in enumerate(figures["trials"][0]["rates"]):
-        counted = [[trial["rates"][k] for trial in trials] for trials in columns]
-        rows.append([rate["what"].replace("  ", "– "), *map(_cell, counted)])
+    for heading, what in _rates(figures["trials"][0]):
+        counted = [[of for trial in trials if (of := _rates(trial).get((heading, what)))] for trials in columns]
+        rows.append([what.replace("  ", "– "), *map(_cell, counted)])
     rows.append(["expected calibration error of reported probabilities", *map(_error, columns)])
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
+
+
+def _rates(trial: Figures) -> dict[tuple[str, str], Figures]:
+    """Return the rates of a trial by their statements, each after the statement that it is a part of. Older trials have
+    fewer."""
+    by_statement, heading = {}, ""
+    for rate in trial["rates"]:
+        heading = heading if rate["what"].startswith("  ") else rate["what"]
+        by_statement[heading, rate["what"]] = rate
+    return by_statement
 
 
 def _cell(rates: list[Figures]) -> str:

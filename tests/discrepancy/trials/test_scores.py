@@ -134,6 +134,18 @@ def test_gaps_that_grow_and_finders_that_break():
     assert rate_of([trial("clean", verdict="broken"), trial("clean")], "the finder broke") == (1, 2)
 
 
+@pytest.mark.parametrize(("after", "grew"), [(1.04e-3, 0), (1.06e-3, 1)])
+def test_a_gap_that_grows_by_more_than_the_errors_of_sizes_cost(after, grew):
+    sizes = [
+        {"class": "track 1", "low": 0.9, "high": 1.1, "cost": 3e-4, "effect": {"name": "track", "value": 1.0}},
+        {"class": "track 2", "low": -2.2, "high": -1.8, "cost": 4e-4, "effect": {"name": "track", "value": -2.0}},
+        {"class": "track 3", "low": None, "high": None, "cost": 9.0, "effect": {"name": "track", "value": 1.0}},
+    ]  # 10 % of 0.3 and of 0.4 mm: 0.05 mm together
+    case = trial("one", ["track 1"], sizes=sizes, gap={"before": 1e-3, "after": after})
+    assert case.cost_of_errors() == pytest.approx(5e-5)
+    assert rate_of([case], "something named", 1) == (grew, 1)
+
+
 def test_sizes_of_equivalent_effects():
     radius, counts = {"name": "wheel_radius", "value": 0.01}, {"name": "counts_per_rev", "value": -0.01 / 1.01}
     assert size_as(radius, counts) == pytest.approx(counts["value"])
