@@ -104,7 +104,9 @@ def show(
     write_page(out, page_of(shown))
     for name, reason in shown.failed.items():
         print(f"{name} gave no poses: {reason}")
-    print(", ".join(str(path) for path in (out, png, gif) if path is not None))
+    pictures = [str(path) for path in (png, gif) if path is not None]
+    whose = f" (of {first})" if pictures and first is not None else ""
+    print(", ".join([str(out), *pictures]) + whose)
 
 
 def compare(

@@ -38,7 +38,9 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
     if board.ceiling is not None:
         notes.append(f"{CEILING} is told what nobody can know, as a ceiling of what is possible; it is no estimator")
     if board.floor is not None:
-        notes.append(f"{FLOOR} never moves: where a drive ends near its start, its end is nearly right")
+        notes.append(
+            f"{FLOOR} never moves: where a drive ends near its start, so does it; of headings full turns count, too"
+        )
     for entry in board.entries:
         for failed in entry.failed:
             cases = ", ".join(map(str, failed.cases[:3])) + (", ..." if len(failed.cases) > 3 else "")

@@ -59,6 +59,11 @@ class OverviewEntry:
     groups: dict[str, GroupScore]
 
     @property
+    def ratio(self) -> float:
+        """The geometric mean of its groups' ratios; infinite where it has none in one of them."""
+        return geometric_mean([math.inf if score.ratio is None else score.ratio for score in self.groups.values()])
+
+    @property
     def unranked(self) -> tuple[Unranked, ...]:
         """The tasks of all groups in which it has no rank though it serves them."""
         return tuple(one for score in self.groups.values() for one in score.unranked)
@@ -68,7 +73,7 @@ class OverviewEntry:
 class Overview:
     """One table. groups: the names of their tasks that have results. robot: label and hash of a user's robot, or None.
 
-    entries: those that are ranked in the most tasks first, among them by mean rank.
+    entries: those that are ranked in the most tasks first, among them by mean rank, and of these by ratio.
     """
 
     kind: Kind
@@ -116,7 +121,7 @@ def _overview(kind: Kind, robot: str | None, boards: list[TaskBoard]) -> Overvie
         )
         for name, groups in scores.items()
     ]
-    entries.sort(key=lambda entry: (-entry.ranked, entry.mean_rank, entry.estimator))
+    entries.sort(key=lambda entry: (-entry.ranked, entry.mean_rank, entry.ratio, entry.estimator))
     groups = {group: tuple(board.task for board in members) for group, members in grouped.items()}
     return Overview(kind, robot, groups, tuple(entries))
 

@@ -87,6 +87,26 @@ class Drive:
         position, heading = np.hypot(off[..., 0], off[..., 1]), off[..., 2]
         return (position, heading) if self.start.ndim == 1 else (position.mean(axis=0), heading.mean(axis=0))
 
+    def path(self, axle: int = 0) -> Array:
+        """Return the places (k, 2) that the reference shows, m, of a train's axle, with NaN at its gaps."""
+        assert self.log.reference is not None
+        return self._with_gaps(self.log.t, self.log.reference[:, 3 * axle : 3 * axle + 2])
+
+    def against_way(self, values: Array) -> tuple[Array, Array]:
+        """Return the distance driven (k,), m, and values (k,) of those at the samples (M,) that are known, with NaN at
+        the gaps of the reference."""
+        x, y = self._with_gaps(self.log.t[self.samples], np.column_stack([self.way, values])).T
+        at = np.flatnonzero(np.isnan(y))
+        x[at] = (x[at - 1] + x[at + 1]) / 2
+        return x, y
+
+    def _with_gaps(self, t: Array, values: Array) -> Array:
+        """Return the rows that are known of values (K, c) at times t (K,), and between them, where a dense reference
+        has a gap, a row of NaN."""
+        known = np.isfinite(values).all(axis=1)
+        t, values = t[known], values[known]
+        return np.insert(values, np.flatnonzero(np.diff(t) > DENSE) + 1, np.nan, axis=0) if self.dense else values
+
     def followed(self, estimates: Mapping[str, Array]) -> "Drive":
         """Return the drive with estimates in place of those that it has."""
         return dataclasses.replace(self, estimates=estimates)

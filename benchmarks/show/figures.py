@@ -14,6 +14,9 @@ from castor_envs.vehicles.train import TrainDescription
 LARGEST_SPOT, SMALLEST_SPOT = 16.0, 4.0
 """Radii of spots where contacts slipped, in units of a map."""
 
+LEAST_SLIP = 1e-6
+"""m, that a chart shows; where no encoder can disagree, rounding errors of the computer are below it."""
+
 DISAGREEMENT = (
     "How far encoders disagree: the part of what each castor's wheels report in half a second that no motion of the "
     "body explains. It needs no reference. Where one castor stands out, it slipped, or its numbers in the file are "
@@ -35,11 +38,9 @@ def path_map(drive: Drive, names: Sequence[str], places: Sequence[Place] = ()) -
     if len(drive.samples) == 1 and drive.start.ndim > 1:
         lines.append(Line(drive.truth[:, 0], "true", "true places of the axles, joined"))
     elif drive.dense:
-        assert drive.log.reference is not None
-        width = drive.log.reference.shape[1]
-        if width > 3:
-            lines.append(Line(drive.log.reference[:, width - 3 :], "true rear", "true path of the last axle"))
-        lines.append(Line(drive.log.reference[:, :2], "true", "true path"))
+        if drive.start.ndim > 1:
+            lines.append(Line(drive.path(len(drive.start) - 1), "true rear", "true path of the last axle"))
+        lines.append(Line(drive.path(), "true", "true path"))
     else:
         known = front(drive.truth)[drive.known, :2].tolist()
         spots += [Spot(x, y, 4.0, "start", "reference pose") for x, y in known]
@@ -69,7 +70,7 @@ def error_charts(drive: Drive, names: Sequence[str]) -> list[Chart]:
     mean = " (mean of the axles)" if drive.start.ndim > 1 else ""
 
     def chart(k: int, label: str, unit: str, factor: float, further: str, caption: str) -> Chart:
-        curves = [Curve(name, drive.way, factor * of[name][k], color_of(names.index(name))) for name in of]
+        curves = [Curve(name, *drive.against_way(factor * of[name][k]), color_of(names.index(name))) for name in of]
         alt = f"{label} against the distance driven{further}"
         return Chart("driven, m", f"{label}, {unit}", tuple(curves), alt, f"{label.capitalize()}{mean}{caption}")
 
@@ -80,18 +81,19 @@ def error_charts(drive: Drive, names: Sequence[str]) -> list[Chart]:
 
 
 def slip_charts(slips: Slips) -> list[Chart]:
-    """Return disagreement and slip by castor or axle against the distance driven; what is nowhere is left out."""
+    """Return disagreement and slip by castor or axle against the distance driven; what is nowhere, or below what
+    numbers can tell, is left out."""
     charts = []
     for name, values, caption in (
         ("disagreement", slips.disagreement, DISAGREEMENT),
         ("slip", slips.slip, SLIP),
     ):
-        if values is None or not float(np.max(values, initial=0.0)) > 0:
+        if values is None or not float(np.nanmax(values, initial=0.0)) > LEAST_SLIP:
             continue
         curves = tuple(
             Curve(part, slips.way, 1e3 * values[:, i], color_of(i + 4)) for i, part in enumerate(slips.parts)
         )
-        k, i = np.unravel_index(int(np.argmax(values)), values.shape)
+        k, i = np.unravel_index(int(np.nanargmax(values)), values.shape)
         most = f"{1e3 * values[k, i]:.2g} mm, at {slips.parts[i]}, {slips.t[k]:.1f} s"
         alt = f"{name} against the distance driven; most, {most}"
         charts.append(Chart("driven, m", f"{name}, mm", curves, alt, caption))

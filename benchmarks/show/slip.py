@@ -16,6 +16,7 @@ from benchmarks.show.drives import Drive
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import interpolated
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
@@ -59,11 +60,12 @@ class Slips:
 
     def worst(self) -> list[Place]:
         """Return where much more slip was than usual, at most one place for each window, the worst first."""
-        if self.slip is None or not len(self.slip):
+        if self.slip is None:
             return []
-        part = np.argmax(self.slip, axis=1)
-        size = self.slip[np.arange(len(part)), part]
-        usual = float(np.median(size))
+        known = np.nan_to_num(self.slip, nan=-np.inf)
+        part = np.argmax(known, axis=1)
+        size = known[np.arange(len(part)), part]
+        usual = float(np.median(size[np.isfinite(size)]))
         return [
             Place(
                 self.parts[part[k]],
@@ -98,7 +100,7 @@ def slips_of(drive: Drive) -> Slips | None:
         bodies = poses.reshape(len(poses), -1, 3)
         place = compose(bodies, np.pad(places, ((0, 0), (0, 1))))[..., :2]
     way = np.interp(middle, log.t[drive.samples], drive.way)
-    return Slips(parts, middle, way, place, disagreement, slip if drive.dense else None)
+    return Slips(parts, middle, way, place, disagreement, slip if np.isfinite(slip).any() else None)
 
 
 _Parts = tuple[tuple[str, ...], Array, Array, Array]
@@ -134,7 +136,8 @@ def _of_train(drive: Drive, edges: NDArray[np.intp]) -> _Parts:
 def _residuals(robot: RobotDescription, log: Log, edges: NDArray[np.intp]) -> tuple[list[int], Array, Array] | None:
     """Return castors with known angles, and their disagreement and slip (W, castors), m; None where there are none.
 
-    Of a castor's wheels and its side the root of the sum of squares counts.
+    Of a castor's wheels and its side the root of the sum of squares counts. Slip is NaN in windows in which the
+    reference does not show where the body was at every sample.
     """
     geometry = Geometry.of(robot)
     model = LogLikelihood(geometry, log)
@@ -145,13 +148,17 @@ def _residuals(robot: RobotDescription, log: Log, edges: NDArray[np.intp]) -> tu
     castor_of = np.where(rows < wheels, geometry.wheel_castor[np.minimum(rows, wheels - 1)], rows - wheels)
     castors = np.unique(castor_of).tolist()
     state = model.start(geometry)
-    if log.reference is not None and np.isfinite(log.reference[:, 0]).sum() > 1:
-        known = np.isfinite(log.reference[:, 0])
-        state[:, :3] = np.column_stack([np.interp(log.t, log.t[known], column) for column in log.reference[known].T])
+    shown = np.zeros(len(log), dtype=bool)
+    if log.reference is not None:
+        taken = np.isfinite(log.reference[:, 0])
+        poses = interpolated(log.t[taken], log.reference[taken], log.t)
+        shown = np.isfinite(poses[:, 0])
+        state[shown, :3] = poses[shown]
+    between = np.logical_and.reduceat(shown, edges[:-1]) & shown[edges[1:]]
 
     def by_castor(steps: Array) -> Array:
         sums = np.add.reduceat(steps, edges[:-1], axis=0)
         return np.column_stack([np.sqrt(np.sum(sums[:, castor_of == i] ** 2, axis=1)) for i in castors])
 
     slip, disagreement = model.residuals(geometry, state), model.disagreement(geometry, state)
-    return castors, by_castor(disagreement), by_castor(slip)
+    return castors, by_castor(disagreement), np.where(between[:, None], by_castor(slip), np.nan)

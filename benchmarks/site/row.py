@@ -99,7 +99,7 @@ def _errors(typical: dict[str, Case], seen: dict[str, list[Drive]], entry: Entry
             if len(drive.samples) > 1:
                 position, _ = drive.errors(entry.estimator)
                 label = f"{word} ({typical[word]}), {drive.name}"
-                curves.append(Curve(label, drive.way, 1e3 * position, COLORS[word], dash=k > 0))
+                curves.append(Curve(label, *drive.against_way(1e3 * position), COLORS[word], dash=k > 0))
     if not curves:
         return []
     ends = "; ".join(f"{curve.label} ends {curve.y[-1]:.3g} mm off" for curve in curves)

@@ -16,6 +16,10 @@ LOGARITHMIC = 20.0
 """Ratio of the largest to the smallest score from which intervals are drawn on a logarithmic axis."""
 
 
+WHOLE = 100.0
+"""Width of a column in which intervals are drawn; what lies outside is not."""
+
+
 class Heading(NamedTuple):
     """Of a column. title: in more words."""
 
@@ -25,7 +29,7 @@ class Heading(NamedTuple):
 
 
 class Bar(NamedTuple):
-    """An interval as drawn, in hundredths of the column's width; low and high None where there is none."""
+    """An interval as drawn, of `WHOLE` the column's width; low and high None where there is none."""
 
     mean: float
     low: float | None
@@ -67,9 +71,8 @@ def board_table(board: TaskBoard, link: Callable[[Entry], str | None] = lambda e
     """Return a board with all its metrics; the ranking metric's intervals are drawn. link: to the page of a row."""
     metrics = [m for name, m in BOARD_METRICS.items() if any(name in entry.scores for entry in board.entries)]
     metrics.sort(key=lambda metric: metric != board.metric)
-    place, scale = _axis(
-        [e.scores[board.metric.name] for e in board.entries if board.metric.name in e.scores], board.metric
-    )
+    drawn = [*board.entries, *([] if board.ceiling is None else [board.ceiling])]  # not who stands still, far off
+    place, scale = _axis([e.scores[board.metric.name] for e in drawn if board.metric.name in e.scores], board.metric)
     headings = [Heading("rank"), Heading("estimator" if board.odometry is None else "method", number=False)]
     for metric in metrics:
         headings.append(Heading(f"{metric.title}, {metric.shown_unit}", title=metric.description))
@@ -109,11 +112,12 @@ def _limits(metric: Metric, score: Interval | None) -> str:
 
 
 def _bar(score: Interval | None, place: Callable[[float], float]) -> Bar | None:
-    if score is None:
+    if score is None or not 0 <= place(score.mean) <= WHOLE:
         return None
     if score.low is None or score.high is None:
         return Bar(place(score.mean), None, None)
-    return Bar(place(score.mean), place(score.low), place(score.high))
+    low, high = (min(max(place(end), 0.0), WHOLE) for end in (score.low, score.high))
+    return Bar(place(score.mean), low, high)
 
 
 def _axis(scores: Sequence[Interval], metric: Metric) -> tuple[Callable[[float], float], str]:
@@ -125,11 +129,7 @@ def _axis(scores: Sequence[Interval], metric: Metric) -> tuple[Callable[[float],
         bottom = min([end for end in ends if end > 0.3 * least])
 
         def logarithmic(value: float) -> float:
-            return _clipped(math.log(max(value, bottom) / bottom) / math.log(top / bottom))
+            return round(WHOLE * math.log(max(value, 1e-3 * bottom) / bottom) / math.log(top / bottom), 2)
 
         return logarithmic, f"logarithmic from {metric.shown(bottom)} to {metric.shown(top)}"
-    return (lambda value: _clipped(value / top)), f"from 0 to {metric.shown(top)}"
-
-
-def _clipped(part: float) -> float:
-    return round(min(max(100 * part, 0.0), 100.0), 2)
+    return (lambda value: round(WHOLE * value / top, 2)), f"from 0 to {metric.shown(top)}"

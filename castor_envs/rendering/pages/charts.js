@@ -24,7 +24,7 @@
         { label: data.xlabel, value: (_, value) => shown(value) },
         ...data.series.map((one) => ({
           label: one.label, stroke: color(one.color), width: 1.6, dash: one.dash ? [6, 4] : undefined,
-          spanGaps: true, points: { show: false }, value: (_, value) => shown(value),
+          points: { show: false }, value: (_, value) => shown(value),
         })),
       ],
     }, uPlot.join(tables), element);

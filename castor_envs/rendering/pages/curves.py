@@ -1,5 +1,6 @@
 """Curves for pages, drawn by uPlot in the browser."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -17,7 +18,8 @@ DIGITS = 5
 
 
 class Curve(NamedTuple):
-    """One curve: y (k,) against rising x (k,). color: 1 to 8, of the style sheet's colours."""
+    """One curve: y (k,) against rising x (k,), with a gap where y is NaN. color: 1 to 8, of the style sheet's
+    colours."""
 
     label: str
     x: Array
@@ -59,15 +61,17 @@ def color_of(k: int) -> int:
     return k % 8 + 1
 
 
-def _few(x: Array, y: Array) -> tuple[list[float], list[float]]:
-    """Return at most about `MOST` points of a curve; of each stretch the least and the largest value stay."""
+def _few(x: Array, y: Array) -> tuple[list[float], list[float | None]]:
+    """Return at most about `MOST` points of a curve, and one without a value (None) for each gap; of each stretch the
+    least and the largest value stay."""
     known = np.isfinite(x) & np.isfinite(y)
-    x, y, keep = x[known], y[known], np.arange(int(known.sum()))
-    if len(x) > MOST:
+    keep = np.flatnonzero(known)
+    gaps = np.flatnonzero(~known[1:-1] & known[:-2]) + 1
+    if len(keep) > MOST:
         parts = np.array_split(keep, MOST // 2)
-        ends = [(part[0] + int(np.argmin(y[part])), part[0] + int(np.argmax(y[part]))) for part in parts]
-        keep = np.unique(np.array(ends).ravel())
-    return _rounded(x[keep]), _rounded(y[keep])
+        keep = np.array([part[end(y[part])] for part in parts for end in (np.argmin, np.argmax)])
+    keep = np.union1d(keep, gaps)
+    return _rounded(x[keep]), [value if math.isfinite(value) else None for value in _rounded(y[keep])]
 
 
 def _rounded(values: Sequence[float] | Array) -> list[float]:

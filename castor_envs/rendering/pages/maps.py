@@ -24,7 +24,8 @@ LEAST = 0.2
 
 
 class Line(NamedTuple):
-    """A path on a map. kind: classes of the style sheet, such as ``true`` or ``estimate s1``."""
+    """A path on a map, with a gap where points are NaN. kind: classes of the style sheet, such as ``true`` or
+    ``estimate s1``."""
 
     points: Array
     kind: str
@@ -117,7 +118,11 @@ def floor_map(
             for cable in floor.cables
         ),
         gridlines=tuple(gridlines),
-        paths=tuple(_Drawn(_points(at(_corners(line.points, 0.5 / scale))), line.kind, line.label) for line in lines),
+        paths=tuple(
+            _Drawn(_points(at(_corners(piece, 0.5 / scale))), line.kind, line.label)
+            for line in lines
+            for piece in _pieces(line.points)
+        ),
         spots=tuple(spot._replace(x=x, y=y) for spot in spots for x, y in at(np.array([[spot.x, spot.y]])).tolist()),
         scale=f"Grid: {step:g} {unit}",
         alt=alt,
@@ -132,12 +137,20 @@ def _ends(center: tuple[float, float], direction: float, length: float) -> Array
     return np.array([center - half, center + half])
 
 
+def _pieces(points: Array) -> list[Array]:
+    """Return the parts of a path between points that are not finite; an empty one where there is none."""
+    places = np.asarray(points, dtype=float)[:, :2]
+    known = np.isfinite(places).all(axis=1)
+    pieces = np.split(places, np.flatnonzero(~known))
+    pieces = [piece[np.isfinite(piece).all(axis=1)] for piece in pieces]
+    return [piece for piece in pieces if len(piece)] or [np.zeros((0, 2))]
+
+
 def _corners(points: Array, pixel: float) -> Array:
-    """Return the corners of a path that make it out to within a pixel; what is not finite is left out."""
+    """Return the corners of a path that make it out to within a pixel."""
     path = Path(pixel)
-    for place in np.asarray(points, dtype=float)[:, :2]:
-        if np.isfinite(place).all():
-            path.lengthen(place)
+    for place in points:
+        path.lengthen(place)
     return path.corners
 
 

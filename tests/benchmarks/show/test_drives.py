@@ -137,3 +137,30 @@ def test_an_axle_of_a_train_that_slips_is_named(fake_trains):
 def test_a_log_that_is_shorter_than_a_window_has_no_slip(arcs):
     log = Log(np.array([0.0, 0.1]), np.zeros((2, 2)), np.empty((2, 0)))
     assert slips_of(drive_of("log", arcs.robot, log)) is None
+
+
+def test_where_the_reference_has_a_gap_nothing_slips_and_lines_end():
+    """A tracker that starts late, loses the robot for 2 s and ends early says nothing of slip then."""
+    whole = asoc_square().log
+    blank = (whole.t < 3.0) | ((whole.t > 8.0) & (whole.t < 10.0)) | (whole.t > whole.t[-1] - 1.0)
+    drive = drive_of("log", preset("asoc-prototype"), without_reference(whole, blank))
+    slips = found_slips(drive)
+    assert slips.slip is not None
+    assert not slips.worst()
+    assert np.nanmax(slips.slip) < 2e-4
+    np.testing.assert_array_equal(np.isnan(slips.slip).all(axis=1), np.isnan(slips.slip).any(axis=1))
+    assert np.isnan(slips.slip[(slips.t > 8.3) & (slips.t < 9.7)]).all()
+    assert np.isnan(slips.slip[-1]).all()
+    path = drive.path()
+    (gap,) = np.flatnonzero(np.isnan(path[:, 0]))
+    assert 0 < gap < len(path) - 1
+    way, error = drive.against_way(np.where(drive.known, 0.0, np.nan))
+    assert np.isnan(error).sum() == 1
+    assert np.all(np.diff(way) >= 0)
+
+
+def test_a_reference_that_is_taken_less_often_than_encoders_has_no_gaps(arcs):
+    log = arcs.record(0).runs[0].log
+    drive = drive_of("log", arcs.robot, without_reference(log, np.arange(len(log)) % 4 > 0))
+    assert drive.dense
+    assert np.isfinite(drive.path()).all()

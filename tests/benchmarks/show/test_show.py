@@ -67,9 +67,9 @@ def test_a_log_is_shown_on_its_floor_and_with_pictures(castor_bench, fake_tasks,
     Floor(patches=(patch,), cables=(Cable(center=(1, 0), direction=1.5, length=0.1, diameter=0.01),)).save("floor.json")
     arguments = ("--robot", "differential", "--floor", "floor.json", "--png", "end.png", "--gif", "drive.gif")
     code, out, err = castor_bench("show", "drive.csv", *arguments, "--estimator", "wheel-odometry")
-    assert (code, out, err) == (0, "castor-show.html, end.png, drive.gif\n", "")
+    assert (code, out, err) == (0, "castor-show.html, end.png, drive.gif (of wheel-odometry)\n", "")
     page = (here / "castor-show.html").read_text(encoding="utf-8")
-    assert "1 patches and 1 cables" in page.replace("\n", " ")
+    assert "1 patch and 1 cable." in page.replace("\n", " ")
     assert page.count('class="slippery"') == page.count('class="cable"') == 1
     with Image.open(here / "end.png") as end, Image.open(here / "drive.gif") as moving:
         assert (end.format, moving.format) == ("PNG", "GIF")

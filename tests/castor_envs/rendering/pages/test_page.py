@@ -87,11 +87,19 @@ def test_nothing_to_see_makes_a_map_too():
     assert of.height > 0
 
 
+def test_lines_and_curves_end_at_gaps():
+    points = np.array([[0.0, 0.0], [1.0, 0.0], [np.nan, np.nan], [3.0, 0.0], [4.0, 0.0]])
+    of = floor_map([Line(points, "true", "path")], "")
+    assert [len(path.points.split()) for path in of.paths] == [2, 2]
+    drawn = Chart("x", "y", (Curve("c", np.arange(5.0), points[:, 0], 1),), "", "").curves["series"][0]
+    assert drawn["y"] == [0.0, 1.0, None, 3.0, 4.0]
+
+
 def test_a_long_curve_keeps_its_peaks():
     x = np.linspace(0, 10, 50_000)
     y = np.sin(x)
     y[31_234], y[77] = 5.0, np.nan
     drawn = Chart("x", "y", (Curve("c", x, y, 1),), "", "").curves["series"][0]
-    assert len(drawn["x"]) == len(drawn["y"]) <= MOST
-    assert max(drawn["y"]) == 5.0
+    assert len(drawn["x"]) == len(drawn["y"]) <= MOST + 1  # with a gap
+    assert max(value for value in drawn["y"] if value is not None) == 5.0
     assert drawn["x"] == sorted(drawn["x"])
