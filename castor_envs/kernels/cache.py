@@ -1,13 +1,14 @@
 """Where the machine code of kernels is kept, and how it is known to be current.
 
 Code is looked for, in this order, in the folder that the variable CASTOR_CACHE names, or else in ``__pycache__`` beside
-the kernel's module (where an installation is shared, whoever may write there compiles for all) and in the user's own
-cache. It is kept in the first of these that can be written; where none can be, each process compiles for itself.
+the kernel's module (where an installation is shared, whoever may write there compiles for all; not beside a plug-in's
+file) and in the user's own cache. It is kept in the first of these that can be written; where none can be, each process
+compiles for itself.
 
 A file's name has a digest of all that the code depends on: the sources of the kernel's module, of the compiler, and of
-every module of this package that these import, directly or not, how it is called, the versions of numba and llvmlite,
-and the processor.
-So an edited source, another version or another machine is another file, and code is never taken for another one's.
+every module of the package that these import, directly or not, how it is called, the versions of numba and llvmlite,
+and the processor. So an edited source, another version or another machine is another file, and code is never taken for
+another one's.
 """
 
 import contextlib
@@ -32,6 +33,8 @@ except ImportError:  # Windows
 
 VARIABLE = "CASTOR_CACHE"
 COMPILER = "castor_envs.kernels.compiler"
+CALLED = ("castor_envs", "estimators")
+"""Packages whose functions a kernel in a file of its own may call."""
 _DIGEST = 32
 """Bytes of SHA-256 before the code in a file: LLVM would not survive a damaged one."""
 
@@ -43,7 +46,7 @@ def cached_code(module: str, call: str, compiled: Callable[[], bytes]) -> bytes:
     """
     sources = kernel_sources(module)
     name = f"{module.rpartition('.')[2]}-{_digest([*sources, *kernel_sources(COMPILER)], call)}.o"
-    places = _places(sources[0].parent)
+    places = _places(sources[0].parent if "." in module else None)
     for place in places:
         if (code := _read(place / name)) is not None:
             return code
@@ -57,19 +60,30 @@ def cached_code(module: str, call: str, compiled: Callable[[], bytes]) -> bytes:
 
 
 def kernel_sources(module: str) -> list[Path]:
-    """Return the file of a module and those of all modules of its package that it imports, directly or not."""
-    spec = importlib.util.find_spec(module.partition(".")[0])
-    assert spec is not None
-    assert spec.origin is not None
-    package = Path(spec.origin).parent
-    found: dict[Path, None] = {}
-    waiting = [module]
+    """Return the file of a module and those of all modules of its package that it imports, directly or not.
+
+    Of a module in no package, as a plug-in's file is one, these are the modules beside it and those of `CALLED`.
+    """
+    package, _, within = module.partition(".")
+    single = None if within else getattr(sys.modules.get(module), "__file__", None)
+    found = {} if single is None else {Path(single): None}
+    roots = {name: _root_of(name) for name in ((package,) if single is None else CALLED)}
+    waiting = [module] if single is None else sorted(imported_names(Path(single).read_bytes(), ""))
     while waiting:
         name = waiting.pop(0)
-        if name.partition(".")[0] == package.name and (file := _file_of(package.parent, name)) and file not in found:
+        root = roots.get(name.partition(".")[0]) or (Path(single).parent if single else None)
+        if root is not None and (file := _file_of(root, name)) and file not in found:
             found[file] = None
             waiting += sorted(imported_names(file.read_bytes(), name.rpartition(".")[0]))
     return list(found)
+
+
+def _root_of(package: str) -> Path:
+    """Return the folder that holds a package."""
+    spec = importlib.util.find_spec(package)
+    assert spec is not None
+    assert spec.origin is not None
+    return Path(spec.origin).parent.parent
 
 
 def _file_of(root: Path, module: str) -> Path | None:
@@ -88,12 +102,13 @@ def _digest(sources: list[Path], call: str) -> str:
     return seen.hexdigest()[:32]
 
 
-def _places(beside: Path) -> list[Path]:
-    """Return the folders that may hold code; beside: the folder of the kernel's source."""
+def _places(beside: Path | None) -> list[Path]:
+    """Return the folders that may hold code; beside: the folder of the kernel's source, None for one of a plug-in's
+    user."""
     if named := os.environ.get(VARIABLE):
         return [Path(named)]
     own = _user_cache()
-    return [beside / "__pycache__", *([] if own is None else [own / "castor-envs"])]
+    return [*([] if beside is None else [beside / "__pycache__"]), *([] if own is None else [own / "castor-envs"])]
 
 
 def _user_cache() -> Path | None:

@@ -6,6 +6,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -73,6 +74,22 @@ def test_where_nothing_can_be_written_environments_work_uncached(installed, tmp_
 def test_sources_are_all_modules_that_the_kernel_imports():
     names = {path.relative_to(ROOT).as_posix() for path in kernel_sources(LOOP)}
     assert {"castor_envs/physics/compiled_loop.py", "castor_envs/physics/tyre.py"} <= names
+
+
+def test_of_a_file_of_its_own_sources_are_the_modules_beside_it_and_those_of_these_packages(tmp_path, monkeypatch):
+    module = ModuleType("castor_plugin_mine")
+    module.__file__ = str(tmp_path / "mine.py")
+    (tmp_path / "mine.py").write_text("import json\nimport helper\nfrom castor_envs.physics import tyre\n")
+    (tmp_path / "helper.py").write_text("")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    first, *others = kernel_sources(module.__name__)
+    assert first == tmp_path / "mine.py"
+    assert {tmp_path / "helper.py", ROOT / "castor_envs/physics/tyre.py"} <= set(others)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    for other in ("CASTOR_CACHE", "LOCALAPPDATA"):
+        monkeypatch.delenv(other, raising=False)
+    assert cached_code(module.__name__, "call", lambda: b"code") == b"code"
+    assert not (tmp_path / "__pycache__").exists()
 
 
 @pytest.mark.parametrize("edited", ["compiled_loop.py", "tyre.py", "further.py"])

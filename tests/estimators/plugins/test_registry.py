@@ -16,6 +16,7 @@ import estimators
 from castor_envs.errors import Declined, InputError
 from castor_envs.vehicles.presets import cfmmr, preset, preset_names
 from estimators import CAST, IPEC, CASTArc, DeadReckoning, Estimator, WheelOdometry, builtin_names, load_estimator
+from estimators.plugins.drives import winding
 from estimators.plugins.registry import ESTIMATOR, declines
 from estimators.plugins.source_hash import source_files
 
@@ -146,6 +147,19 @@ def test_plugin_from_file_or_module_in_the_current_folder(spec):
     estimator.reset(preset("asoc-prototype"), np.ones(3))
     np.testing.assert_array_equal(estimator.update({}), np.ones(3))
     assert not Path("__pycache__").exists() or spec == "mine:Mine"
+
+
+@pytest.mark.parametrize(("file", "built_in"), [("cast.py:CAST?step=euler", "cast-0?step=euler"), ("ipec.py", "ipec")])
+def test_a_copy_of_a_builtins_file_gives_its_poses(file, built_in):
+    """So authors begin: each builds on a compiled kernel."""
+    copied = file.partition(".py")[0] + ".py"
+    shutil.copy(Path(estimators.__file__).parent / "robots" / copied, copied)
+    drive, poses = winding(preset("omnimate")), []
+    for spec in (file, built_in):
+        estimator = load_estimator(spec).factory()
+        estimator.reset(preset("omnimate"), np.zeros(3))
+        poses.append([estimator.update(observation).copy() for observation in drive.observations])
+    np.testing.assert_array_equal(*poses)
 
 
 def test_plugin_from_absolute_path_may_import_its_neighbours(tmp_path):
