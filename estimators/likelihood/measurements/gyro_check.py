@@ -3,7 +3,7 @@
     turn by the gyro = scale (turn by the wheels) + bias (time)
 
 by least squares over windows. A scale off 1 is the gyro's or the wheels' (radii over track): without a reference only
-their ratio is seen.
+their ratio is seen. While the body turns at one rate, a bias looks like a scale: then it is taken to be the file's.
 """
 
 import math
@@ -22,7 +22,8 @@ WINDOW = 1.0
 """s, over which turns are compared: within it rounded counts and clocks that are apart average out."""
 
 LEAST_TURN = 1.0
-"""rad that the wheels turn the body in all, both ways added: below it a scale says little."""
+"""rad that the wheels turn the body in all, both ways added: below it a scale says little; and rad that they turn it
+more or less than at one rate: below it a bias says little."""
 
 FOLLOWS = 0.9
 """Part of the gyro's squares that the wheels explain: below it another thing than this body's turn is read."""
@@ -64,9 +65,13 @@ def gyro_against_wheels(robot: RobotDescription, log: Log) -> GyroCheck | None:
         return None
     if np.abs(wheels).sum() < LEAST_TURN or len(time) < 3:
         return None
-    terms = np.column_stack([wheels, time])
-    scale, bias = np.linalg.lstsq(terms, gyro, rcond=None)[0].tolist()
-    left = gyro - terms @ [scale, bias]
+    bias = 0.0 if robot.gyro is None else robot.gyro.bias
+    rate = (wheels @ time) / (time @ time)
+    if np.abs(wheels - rate * time).sum() < LEAST_TURN:
+        scale = float(wheels @ (gyro - bias * time) / (wheels @ wheels))
+    else:
+        scale, bias = np.linalg.lstsq(np.column_stack([wheels, time]), gyro, rcond=None)[0].tolist()
+    left = gyro - scale * wheels - bias * time
     about_bias = gyro - bias * time
     follows = 1.0 - float(left @ left) / max(float(about_bias @ about_bias), 1e-300)
     verdict = _verdict(scale, follows)

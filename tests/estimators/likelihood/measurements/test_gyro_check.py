@@ -48,6 +48,24 @@ def test_scale_and_bias_are_found(driven, scale, bias, words):
     assert inspect_log(ROBOT, log)["gyro"]["verdict"] == found.verdict
 
 
+@pytest.mark.parametrize(
+    ("scale", "words"), [(1.0, "agrees with the wheels"), (180 / np.pi, "is in deg/s: give rad/s")]
+)
+def test_on_a_circle_a_bias_is_not_told_from_a_scale(driven, scale, words):
+    """Wheels of one speed each, whose counts are rounded, and a gyro with noise, of the bias that its file says."""
+    left, right = ROBOT.wheels
+    assert left.counts_per_rev is not None
+    wheel = np.outer(driven.t, [3000.0, 4000.0])
+    rate = 2 * np.pi / left.counts_per_rev * left.radius * 1000.0 / (left.lateral - right.lateral)
+    noise = 1e-3 * np.random.default_rng(2).standard_normal(len(driven))
+    robot = dataclasses.replace(ROBOT, gyro=Gyro(bias=0.02))
+    log = dataclasses.replace(driven, wheel=wheel.round(), gyro=scale * (rate + noise) + 0.02)
+    found = gyro_against_wheels(robot, log)
+    assert found is not None
+    assert found.verdict == words
+    assert (found.scale, found.bias) == (pytest.approx(scale, rel=0.01), 0.02)
+
+
 def test_another_axis_does_not_follow_the_wheels(driven):
     log = dataclasses.replace(driven, gyro=np.random.default_rng(1).standard_normal(len(driven)))
     found = gyro_against_wheels(ROBOT, log)
