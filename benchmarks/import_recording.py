@@ -51,6 +51,8 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
     read = (source, channel_map, Path(robot), *others)
     if out.exists() and any(path.exists() and out.samefile(path) for path in read):
         raise InputError(f"--out {out}: is what is read, which would be lost; name another file")
+    if out.exists():
+        raise InputError(f"--out {out}: is there already; remove it or name another file")
     imported = import_log(source, described, by, str(channel_map))
     with writing(f"--out {out}"):
         try:
@@ -77,6 +79,12 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         print("next: give --robot, and a map is made that says which channel is which column of the log")
         return
     following = f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {out or LOG}"
+    guessed = guess_map(found, clock, described)
+    undecided = [key for key, column in guessed.columns.items() if UNDECIDED in column.channels]
+    pose = {key: column for key, column in guessed.columns.items() if key.startswith("ref_")}
+    if pose and len(undecided) == len(guessed.columns) - len(pose):
+        _show_reference(source, clock, pose)
+        return
     if MAP.exists():
         print(f"\n{MAP}: is there already, and is left alone; move it to have a new one made")
         try:
@@ -86,12 +94,6 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         else:
             print(following)
         return
-    guessed = guess_map(found, clock, described)
-    undecided = [key for key, column in guessed.columns.items() if UNDECIDED in column.channels]
-    pose = {key: column for key, column in guessed.columns.items() if key.startswith("ref_")}
-    if pose and len(undecided) == len(guessed.columns) - len(pose):
-        _show_reference(source, clock, pose)
-        return
     guessed.save(MAP)
     print(f"\n{MAP}: a map, guessed from names; check each line of it")
     for key, column in guessed.columns.items():
@@ -100,8 +102,12 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
     if remark := Places(described).remark(guessed):
         print(f"note: {remark}")
-    if undecided:
-        print(f"next: edit {MAP}: replace each {UNDECIDED!r} by a channel, then give --map {MAP}")
+    if undecided or clock.period is not None:
+        todo = [f"replace each {UNDECIDED!r} by a channel"] if undecided else []
+        todo += (
+            ["give the time between rows, 's', as 'period', or a column as 'time'"] if clock.period is not None else []
+        )
+        print(f"next: edit {MAP}: {'; '.join(todo)}; then give --map {MAP}")
     else:
         print(following)
 

@@ -63,6 +63,35 @@ def test_what_is_read_is_never_replaced_and_what_cannot_be_written_says_so(tmp_p
     assert not Path("log.csv").exists()
 
 
+def test_a_log_that_is_there_is_left_alone(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left_ticks,right_ticks\n0,0,0\n1,1,1\n2,2,2\n")
+    Path("log.csv").write_text("measured long ago")
+    assert call(capsys, "import", "run.csv", "--robot", "differential")[0] == 0
+    code, _, said = call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")
+    assert (code, said) == (2, "error: --out log.csv: is there already; remove it or name another file\n")
+    assert Path("log.csv").read_text() == "measured long ago"
+
+
+def test_a_reference_is_told_as_one_beside_the_map_of_its_recording(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("map.json").write_text("{}")
+    Path("seen.tum").write_text("".join(f"{k} {k} 0 0 0 0 0 1\n" for k in range(5)))
+    code, printed, _ = call(capsys, "import", "seen.tum", "--robot", "differential")
+    assert code == 0
+    assert "this is the reference of another recording; add to the map of that one" in printed
+    assert "--map map.json" not in printed
+
+
+def test_rows_without_times_are_no_log_before_somebody_says_their_period(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("left_ticks,right_ticks\n0,0\n1,2\n2,4\n")
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert code == 0
+    last = printed.splitlines()[-1]
+    assert last.startswith("next: edit map.json: give the time between rows, 's', as 'period', or a column as 'time'")
+
+
 def test_names_in_a_recording_do_not_reach_the_terminal_as_they_are(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("t,left_ticks\x1b[2J,right_ticks\n0,0,0\n1,1,1\n2,2,2\n")

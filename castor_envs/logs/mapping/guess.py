@@ -1,8 +1,10 @@
 """A first map of a recording, from its channels' names and numbers; what these do not tell stays undecided."""
 
+import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
@@ -25,7 +27,7 @@ ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "e
 """Words of poses that are estimates, which are no reference."""
 
 _PER_SECOND = re.compile(
-    r"(deg|rad|rev|rot|tick|count|m)(s|rees|ians|ations|eters|etres)?[ _]?(/|_|per)[ _]?s(ec)?(?![a-z\d])"
+    r"(°|deg|rad|rev|rot|tick|count|m)(s|rees|ians|ations|eters|etres)?[ _]?(/|_|per)[ _]?s(ec)?(?![a-z\d])"
 )
 """A unit of speed in a name, such as ``deg/s``, ``m_s`` and ``ticks per sec``."""
 
@@ -38,6 +40,9 @@ _IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
 RECEIVED = "received"
 """Source of channels of ROS whose messages have no time in a header, but that of their receipt."""
 
+FEW_TURNS = 4 * math.pi
+"""rad: an angle that is larger is taken for degrees, if nothing says its unit."""
+
 ENOUGH = 3
 """Score from which a channel is taken: a side or a number, and a word, speak for it."""
 
@@ -49,8 +54,10 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     guessed = {key: Column(channel=key, unit=unit) for key, unit in _log_units(columns).items() if key in free}
     free = {name: channel for name, channel in free.items() if name not in guessed}
     for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
-        for key in (key for key in names if key not in guessed):
-            channel = _best(key, free, words, places)
+        wanted = [key for key in names if key not in guessed]
+        alike = _alike(wanted, free, words, places)
+        for key in wanted:
+            channel = alike.get(key) or _best(key, free, words, places)
             speed = bool(SPEED & words_of(channel) or _PER_SECOND.search(channel.lower()))
             unit = _angle_unit(channel, found, "/s" if speed else "")
             guessed[key] = Column(channel=channel, unit=unit, scale=_length(channel) if unit[0] == "m" else 1.0)
@@ -60,7 +67,9 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
         guessed |= {key: Column(channel=name, unit=_rate_unit(name, found)) for key, name in commanded.items()}
     gyros = sorted((name for name in free if _is_gyro(name)), key=_is_angle)  # rates first
     if gyros and columns.gyro[0] not in guessed:
-        unit = ("deg" if _degrees(gyros[0]) else "rad") + ("" if _is_angle(gyros[0]) else "/s")
+        angle = _is_angle(gyros[0])
+        turned = angle and _most(found[gyros[0]]) > FEW_TURNS
+        unit = ("deg" if turned or _degrees(gyros[0]) else "rad") + ("" if angle else "/s")
         guessed[columns.gyro[0]] = Column(channel=gyros[0], unit=unit)
     if columns.reference[0] not in guessed:
         guessed |= _reference(columns.reference, free)
@@ -84,6 +93,20 @@ def _best(key: str, free: Iterable[str], words: set[str], places: Places) -> str
     scored = [(_score(key, name, words, places), name) for name in free]
     best = max((score for score, _ in scored), default=0)
     return next(name for score, name in scored if score == best) if best >= ENOUGH else UNDECIDED
+
+
+def _alike(keys: Sequence[str], free: Iterable[str], words: set[str], places: Places) -> dict[str, str]:
+    """Return a channel for each of these columns, of names that differ in sides and numbers only; none if no such names
+    fit all columns."""
+    families: dict[frozenset[str], dict[str, tuple[int, str]]] = {}
+    for key in keys:
+        for name in free:
+            if (score := _score(key, name, words, places)) >= ENOUGH:
+                family = families.setdefault(frozenset(w for w in words_of(name) - SAID if not w.isdigit()), {})
+                family[key] = max(family.get(key, (0, "")), (score, name), key=itemgetter(0))
+    whole = [family for family in families.values() if len({name for _, name in family.values()}) == len(keys)]
+    best = max(whole, key=lambda family: sum(score for score, _ in family.values()), default={})
+    return {key: name for key, (_, name) in best.items()}
 
 
 def _score(key: str, name: str, words: set[str], places: Places) -> int:
@@ -128,7 +151,12 @@ def _is_angle(gyro: str) -> bool:
 
 
 def _degrees(name: str) -> bool:
-    return bool({"deg", "degrees", "degree", "dps"} & words_of(name))
+    return "°" in name or bool({"deg", "degrees", "degree", "dps"} & words_of(name))
+
+
+def _most(channel: Found) -> float:
+    """Return the largest size of what a channel holds."""
+    return max(abs(channel.low), abs(channel.high))
 
 
 def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
@@ -139,6 +167,8 @@ def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
     if channel.endswith(".speed") and channel.removesuffix("speed") + "angle" in found:  # WPILib's SwerveModuleState
         return "m/s"
     given = words_of(channel) - ({"m"} if _MOTOR.search(channel) else set())
+    if "°" in channel:
+        return "deg" + per
     for unit, words in (
         ("rpm", {"rpm"}),
         ("counts", COUNTED),
@@ -147,10 +177,11 @@ def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
         ("rad", {"rad", "rads", "radians"}),
         ("m", {"m", "mps", "meters", "metres", "mm", "cm"}),
         ("m", {"distance"}),
-        ("counts", {"enc", "encoder", "encoders"}),
     ):
         if given & words:
             return unit if unit == "rpm" else unit + per
+    if given & {"enc", "encoder", "encoders"}:
+        return ("counts" if channel not in found or found[channel].whole or not found[channel].count else "m") + per
     return ("counts" if channel in found and found[channel].whole else "rad") + per
 
 
@@ -172,14 +203,16 @@ def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, 
         given = words_of(channel)
         part = next((part for part in ("x", "y", "heading") if part in given), "heading" if given & HEADING else None)
         if part is not None:
-            poses.setdefault(frozenset(given - {"x", "y", *LENGTHS, "rad", "deg", *HEADING}), {})[part] = channel
+            poses.setdefault(frozenset(given - {"x", "y", "pos", "position", *LENGTHS, "rad", "deg", *HEADING}), {})[
+                part
+            ] = channel
     whole = {words: parts for words, parts in poses.items() if {"x", "y", "heading"} <= set(parts)}
     fitting = [words for words in whole if not words & (ESTIMATED | COMMANDED) or words & TRUSTED]
     if not fitting:
         return {}
     chosen = whole[max(fitting, key=lambda words: bool(words & TRUSTED))]
     heading = found[chosen["heading"]]
-    angle = "deg" if _degrees(chosen["heading"]) or max(abs(heading.low), abs(heading.high)) > 100 else "rad"
+    angle = "deg" if _degrees(chosen["heading"]) or _most(heading) > FEW_TURNS else "rad"
     lengths = [words_of(chosen[part]) for part in ("x", "y")]
     units = [next((unit for unit in LENGTHS if unit in given), "m") for given in lengths] + [angle]
     return {

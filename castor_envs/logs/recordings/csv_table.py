@@ -26,7 +26,10 @@ from castor_envs.logs.table import Line, complaint, number
 HEAD = 100
 """Lines in which the first row of numbers must come."""
 
-_TIME = re.compile(r"(?:.*[\s_./])?(?:t|time|times|timestamp|stamp|secs?|seconds)(?:[\s_\[(].*)?", re.IGNORECASE)
+_TIME = re.compile(
+    r"(?:.*[\s_./%])?(?:t|time|times|timestamp|stamp|secs?|seconds|millis|micros|nanos|epoch|elapsed|uptime)(?:[\s_\[(].*)?",
+    re.IGNORECASE,
+)
 _SECONDS = re.compile(r"(.*[\s_./])?secs?", re.IGNORECASE)
 _NANOSECONDS = re.compile(r"(.*[\s_./])?n(?:ano)?secs?", re.IGNORECASE)
 PLUS = " + "
@@ -35,8 +38,8 @@ PLUS = " + "
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_IN_NAME: dict[TimeUnit, str] = {
-    "ns": r"(^|[\s_\[(])(ns|nsecs?|nanosecs?|nanoseconds)\b",
-    "us": r"(^|[\s_\[(])(us|µs|usecs?|microseconds)\b",
+    "ns": r"(^|[\s_\[(])(ns|nsecs?|nanos|nanosecs?|nanoseconds)\b",
+    "us": r"(^|[\s_\[(])(us|µs|usecs?|micros|microseconds)\b",
     "ms": r"(^|[\s_\[(])(ms|msecs?|millis|milliseconds)\b",
 }
 
@@ -94,7 +97,8 @@ class Table:
         self._delimiter, self._names, self._header = self._layout(head)
 
     def clock(self) -> Clock:
-        """Return the first column that is called like a time, or holds dates, and its unit; of none, one row a second.
+        """Return the first column that is called like a time, or holds dates, and its unit; of none, the only one that
+        always increases; or else one row a second.
 
         Of seconds beside nanoseconds, both.
         """
@@ -103,7 +107,10 @@ class Table:
         dated = (k for k in range(len(self._names)) if any(date(cells[k]) is not None for cells in rows))
         at = next(dated, None) if named is None else named
         if at is None:
-            return Clock(period=1.0)
+            rising = [k for k in range(len(self._names)) if _rises([cells[k] for cells in rows])]
+            if len(rising) != 1:
+                return Clock(period=1.0)
+            (at,) = rising
         column = self._names[at]
         if seconds := _SECONDS.fullmatch(column):
             for rest in filter(None, map(_NANOSECONDS.fullmatch, self._names)):
@@ -208,6 +215,13 @@ def _is_row(cells: list[str]) -> bool:
 
 def _is_read(cell: str) -> bool:
     return is_number(cell) or date(cell) is not None
+
+
+def _rises(cells: list[str]) -> bool:
+    """Return whether each of these cells is a number larger than the one before."""
+    values = [value_of(cell) for cell in cells]
+    known = np.array([math.nan if value is None else value for value in values])
+    return len(known) > 2 and bool(np.all(np.diff(known) > 0))
 
 
 def _distinct(names: list[str]) -> list[str]:

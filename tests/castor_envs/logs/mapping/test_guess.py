@@ -41,7 +41,7 @@ def guessed(robot, *channels, whole=False):
 )
 def test_wheels_are_found_by_their_side(left, right, unit):
     others = ("/joint_states effort[left_wheel]", "left_motor_current", "cmd_left", "battery", "/odom pose.pose.x")
-    found = guessed("differential", right, left, *others)
+    found = guessed("differential", right, left, *others, whole=unit == "counts")
     assert (found["wheel_1l"], found["wheel_1r"]) == ((left, unit), (right, unit))
 
 
@@ -146,6 +146,29 @@ def test_a_trackers_pose_is_the_reference_and_odometrys_is_not():
     assert "ref_x" not in guessed("differential", *pose("/odom pose.pose"))
     found = guessed("differential", "x_mm", "y_mm", "yaw_deg")
     assert [found[key] for key in ("ref_x", "ref_y", "ref_psi")] == [("x_mm", "mm"), ("y_mm", "mm"), ("yaw_deg", "deg")]
+
+
+def test_degrees_are_told_by_their_sign_and_by_how_far_they_go():
+    assert guessed("differential", "Gyro Z [°/s]")["gyro_z"] == ("Gyro Z [°/s]", "deg/s")
+    for high, unit in ((68.8, "deg"), (6.0, "rad")):
+        found = {"Gyro Yaw": Found(count=10, low=0.0, high=high)}
+        assert guess_map(found, Clock("t"), preset("differential")).columns["gyro_z"].unit == unit
+    found = guessed("differential", "Pos X [mm]", "Pos Y [mm]", "Yaw [deg]")
+    assert [unit for key, (_, unit) in found.items() if key.startswith("ref_")] == ["mm", "mm", "deg"]
+
+
+def test_an_encoder_that_holds_no_whole_numbers_does_not_count():
+    names = "Left Encoder", "Right Encoder"
+    for whole, unit in ((True, "counts"), (False, "m")):
+        found = {name: Found(count=10, start=0, end=10**9, high=5.99, whole=whole) for name in names}
+        columns = guess_map(found, Clock("t"), preset("differential")).columns
+        assert [columns[key].unit for key in ("wheel_1l", "wheel_1r")] == [unit, unit]
+
+
+def test_all_wheels_come_from_names_of_one_family():
+    modules = [f"NT:/ModulePositions[{k}].distance" for k in range(4)]
+    found = guessed("swerve", "SmartDashboard/Left Encoder", "SmartDashboard/Right Encoder", *modules)
+    assert [found[f"wheel_{k + 1}"] for k in range(4)] == [(name, "m") for name in modules]
 
 
 def test_what_nothing_speaks_for_is_left_open():

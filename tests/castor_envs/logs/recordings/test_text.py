@@ -83,6 +83,17 @@ def test_blank_cells_are_no_reading_and_nan_is_none_either(tmp_path):
     assert (found["left"].count, found["ref"].count) == (2, 1)
 
 
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [("%time", "ns"), ("millis", "ms"), ("micros", "us"), ("epoch", "ms"), ("elapsed", "ms"), ("a", "ms")],
+)
+def test_times_are_found_by_their_names_and_units_and_else_as_what_alone_increases(tmp_path, header, unit):
+    step = {"ns": 50_000_000, "us": 50_000, "ms": 50}[unit]
+    rows = "".join(f"{step * k},{7 * k % 3},{-k}\n" for k in range(5))
+    clock = open_recording(written(tmp_path, f"{header},left,right\n{rows}")).clock()
+    assert (clock.time, clock.unit) == (header, unit)
+
+
 def test_rows_without_times_need_a_period(tmp_path):
     path = written(tmp_path, "left,right\n1,2\n3,4\n")
     assert read(path, "right", Clock(period=0.05)) == [(0.0, 2.0), (0.05, 4.0)]
