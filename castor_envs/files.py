@@ -25,19 +25,21 @@ _TEMPORARY = re.compile(r"\..+\.[a-z0-9_]{8}\.tmp")
 """Names of temporary files: a dot, the name of the final file, and what `tempfile` adds."""
 
 
-def write_atomically(path: Path, content: str | bytes) -> None:
+def write_atomically(path: Path, content: str | bytes | Iterator[str]) -> None:
     """Write a file by way of a temporary one beside it, so that it is never half there.
+
+    content: an iterator's pieces are written one after another, so that they are never all in memory.
 
     The temporary file is locked as long as its writer lives, so that `remove_leftovers` recognises the files of writers
     that were killed. Raises OSError that names `path`.
     """
-    data = content.encode() if isinstance(content, str) else content
+    pieces = iter((content,)) if isinstance(content, str | bytes) else content
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         descriptor, temporary = _locked_temporary(path)
         try:
             with os.fdopen(descriptor, "wb") as file:
-                file.write(data)
+                file.writelines(piece.encode() if isinstance(piece, str) else piece for piece in pieces)
                 file.flush()
                 os.fsync(file.fileno())
                 os.chmod(temporary, 0o644)
@@ -133,7 +135,7 @@ def read_json(path: Path) -> Any:
     except UnicodeDecodeError:
         raise InputError(f"{path}: is not text in UTF-8; save it as UTF-8") from None
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path}: is not JSON ({error})") from None
+        raise InputError(f"{path}: is not JSON ({error}); mend it there") from None
 
 
 def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

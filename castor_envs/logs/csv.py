@@ -34,10 +34,13 @@ refuses, `write_log` refuses to write.
 """
 
 import dataclasses
+import heapq
 import itertools
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
+from operator import itemgetter
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -52,6 +55,8 @@ from castor_envs.vehicles.train import TrainDescription
 
 _MAY_BE_BLANK = ("command", "steering_command", "reference", "fix", "fix_age", "rps")
 _FLAT = ("t", "gyro", "fix_age")
+CHUNK = 4096
+"""Rows that are text at once while a log is written."""
 
 #: The largest absolute value of a log's numbers, by part. t: 64 bits of nanoseconds since 1970, so that a clock in
 #: another unit is still read, and reported by the diagnosis. Counts: below 2^53 all whole numbers, and so all
@@ -158,7 +163,7 @@ def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle, tracked:
     if tracked is not None:
         log = dataclasses.replace(log, reference=_at_same_times(tracked, log.t))
     names: list[str] = []
-    cells: list[list[str]] = []
+    printed: list[_Printed] = []
     for part in (*REQUIRED, *OPTIONAL):
         values = getattr(log, part)
         if values is None:
@@ -167,23 +172,35 @@ def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle, tracked:
         if values.shape != ((len(log),) if part in _FLAT else (len(log), len(expected))):
             raise ValueError(f"{part} has shape {values.shape}, {vehicle.name!r} has columns {expected}")
         text = _count if part in ("wheel", "pivot") else _blank_or_number
-        for name, column in zip(expected, values.reshape(len(log), len(expected)).T, strict=True):
-            names.append(name)
-            cells.append([text(value) for value in column.tolist()])
-    for name, column in log.extra.items():
-        if len(column) != len(log) or name in columns.known or name != name.strip():
-            raise ValueError(f"extra column {name!r}: {len(column)} cells for {len(log)} rows, or a bad name")
+        names += expected
+        printed += [_Printed(column, text) for column in values.reshape(len(log), len(expected)).T]
+    for name, cells in log.extra.items():
+        if len(cells) != len(log) or name in columns.known or name != name.strip():
+            raise ValueError(f"extra column {name!r}: {len(cells)} cells for {len(log)} rows, or a bad name")
         names.append(name)
-        cells.append([*map(_quoted, column)])
+        printed.append(_Printed(cells, _quoted))
     columns.check_header(path, 1, names)
     columns.check_castors(path, 1, names, vehicle)
     _check_values(path, range(2, len(log) + 2), log, vehicle)
-    rows = [*zip(*cells, strict=True)]
-    del cells
+    rows = _rows(printed, len(log))
     if tracked is not None:
         rows = _with_poses(columns, names, rows, log.t, tracked)
-    lines = itertools.chain([map(_quoted, names)], rows)
-    write_atomically(path, "".join(",".join(row) + "\n" for row in lines))
+    write_atomically(path, (",".join(row) + "\n" for row in itertools.chain([map(_quoted, names)], rows)))
+
+
+class _Printed(NamedTuple):
+    """A column of a log, and what makes a cell's text of a value."""
+
+    values: Array | Sequence[str]
+    text: Callable[[Any], str]
+
+
+def _rows(columns: Sequence[_Printed], count: int) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of each of so many rows; never more than `CHUNK` rows are text at once."""
+    for first in range(0, count, CHUNK):
+        chunk = slice(first, first + CHUNK)
+        cells = [map(text, np.asarray(values[chunk]).tolist()) for values, text in columns]
+        yield from zip(*cells, strict=True)
 
 
 def _at_same_times(tracked: TimedPoses, t: Array) -> Array:
@@ -193,18 +210,22 @@ def _at_same_times(tracked: TimedPoses, t: Array) -> Array:
 
 
 def _with_poses(
-    columns: LogColumns, names: list[str], rows: list[tuple[str, ...]], t: Array, tracked: TimedPoses
-) -> list[tuple[str, ...]]:
+    columns: LogColumns, names: list[str], rows: Iterator[tuple[str, ...]], t: Array, tracked: TimedPoses
+) -> Iterator[tuple[str, ...]]:
     """Return rows of a file in the order of time, those added that hold a pose alone."""
     _check_headings(Path("tracked"), range(len(tracked.t)), columns, tracked.pose)
     alone = ~np.isin(tracked.t, t)
     place = {name: k for k, name in enumerate((*columns.t, *columns.reference))}
-    added = [
-        tuple(repr(row[place[name]]) if name in place else "" for name in names)
-        for row in np.column_stack([tracked.t, tracked.pose])[alone].tolist()
-    ]
-    every, order = [*rows, *added], np.argsort(np.append(t, tracked.t[alone]), kind="stable")
-    return [every[k] for k in order.tolist()]
+    shown = np.column_stack([tracked.t, tracked.pose])[alone]
+    added = _rows(
+        [
+            _Printed(shown[:, place[name]] if name in place else [""] * len(shown), repr if name in place else str)
+            for name in names
+        ],
+        len(shown),
+    )
+    both = heapq.merge(zip(t, rows, strict=True), zip(shown[:, 0], added, strict=True), key=itemgetter(0))
+    return (row for _, row in both)
 
 
 def _quoted(cell: str) -> str:
