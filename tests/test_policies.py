@@ -1,4 +1,5 @@
-"""docs/policies.md is true: its code runs, its figures are the stored ones, and what it says of them holds."""
+"""docs/policies.md and its tutorial are true: their code runs, their figures are the stored ones, and what they say of
+these holds."""
 
 import dataclasses
 import json
@@ -13,12 +14,13 @@ from benchmarks.leaderboard.ranking import interval
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "policies.md").read_text(encoding="utf-8")
+TUTORIAL = (ROOT / "docs" / "tutorials" / "policies.md").read_text(encoding="utf-8")
 FIGURES = json.loads((ROOT / "docs" / "policies.json").read_text(encoding="utf-8"))
 
 
 def block(words):
-    """Return the Python block of the page that holds these words."""
-    (found,) = [code for code in re.findall(r"```python\n(.*?)```", PAGE, flags=re.S) if words in code]
+    """Return the Python block of the page or its tutorial that holds these words."""
+    (found,) = [code for code in re.findall(r"```python\n(.*?)```", PAGE + TUTORIAL, flags=re.S) if words in code]
     return found
 
 
@@ -29,7 +31,9 @@ def made(script_called):
 
 def test_the_scripted_driver_drives(capsys):
     exec(block("driver = env.unwrapped.follower"), {})
-    earned, largest = re.findall(r"return (\S+) of at most (\S+);", capsys.readouterr().out)[0]
+    said = capsys.readouterr().out
+    assert f"```\n{said}```" in TUTORIAL
+    earned, largest = re.findall(r"return (\S+) of at most (\S+);", said)[0]
     assert 0.8 * float(largest) < float(earned) < float(largest)
 
 
@@ -39,15 +43,20 @@ def test_an_estimator_believes_otherwise(capsys):
     assert believed < true
 
 
-def test_a_policy_trains(made, tmp_path, monkeypatch):
+@pytest.mark.parametrize("environment", ["castor/ASOC-v1", "castor/CFMMR-v1"])
+def test_a_policy_trains_and_is_scored(made, tmp_path, monkeypatch, capsys, environment):
     pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra 'rl')")
     monkeypatch.chdir(tmp_path)
-    code, plan = block("PPO("), made.PLANS["robot, corrections"]
+    code, plan = block("= PPO("), made.PLANS["robot, corrections"]
     assert f"learn({plan.steps:_})" in code
     for setting in (*made.PPO.items(), ("log_std_init", plan.log_std), ("net_arch", made.NETWORK)):
         assert "{}={}".format(*setting) in code or setting in (("n_epochs", 10), ("gae_lambda", 0.95)), setting
-    exec(re.sub(r"learn\(.*\)", "learn(512)", code).replace("n_steps=1024", "n_steps=64"), {})
+    code = re.sub(r"learn\(.*\)", "learn(512)", code).replace("n_steps=1024", "n_steps=64")
+    exec(code.replace("castor/ASOC-v1", environment), {})
     assert (tmp_path / "policy.zip").stat().st_size > 1000
+    capsys.readouterr()
+    exec(block("PPO.load").replace("castor/ASOC-v1", environment), {})
+    assert 0 < float(capsys.readouterr().out) < 1
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning:minari", "ignore::ResourceWarning")
@@ -75,6 +84,13 @@ def test_stored_scores_of_scripted_drivers_are_those_of_today(made):
         env = gym.make(environment, floor=made.FLOOR)
         for name, policy in made.BASELINES.items():
             assert made.scores(env, policy, made.JUDGED[:1])[0] == pytest.approx(drivers[name][0], abs=1e-4), name
+
+
+def test_scores_of_the_tutorial_are_the_stored_ones(made):
+    for name, environment in (("robot, corrections", "castor/ASOC-v1"), ("train, corrections", "castor/CFMMR-v1")):
+        for scores in (FIGURES["trained"][name]["scores"], FIGURES["baselines"][environment]["scripted driver"]):
+            assert f"{np.mean(scores):.3f}" in TUTORIAL
+    assert f"{made.PLANS['train, corrections'].steps:_}" in TUTORIAL
 
 
 def test_what_the_page_says_of_training():
