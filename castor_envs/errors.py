@@ -19,6 +19,11 @@ class Declined(InputError):  # noqa: N818 - a statement, not a mistake
     """
 
 
+def with_extra(extra: str) -> str:
+    """Return what to type for the packages of an extra."""
+    return f"pip install '.[{extra}]' in the project's folder"
+
+
 def printable(text: str) -> str:
     """Return a text with ``?`` for each character that cannot be printed: those that command terminals, too."""
     return "".join(character if character.isprintable() else "?" for character in text)

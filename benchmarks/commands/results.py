@@ -124,7 +124,7 @@ def export(
     """Write episodes as files: what estimators are given with the true poses, or poses as TUM or KITTI text.
 
     The floor that was driven on, where it is known and not even, is beside each run as a floor file; with TUM or KITTI
-    text also as a map (YAML and PNG) that evo_traj --ros_map_yaml draws.
+    text also as a map (YAML and PNG) that evo_traj -p --plot_mode xy --ros_map_yaml draws.
     """
     known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))
     (chosen,) = select_tasks(*with_plugged(known, [task], LOADING))

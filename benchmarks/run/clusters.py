@@ -18,7 +18,7 @@ from multiprocessing import connection
 from typing import Any
 
 from benchmarks.results.provenance import world_digest
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import InputError, did_you_mean, with_extra
 from castor_envs.processes import Agenda, Died, Job, OneWorker, Outcome, Raised
 
 MOST_LOST = 5
@@ -183,5 +183,5 @@ def _needed(module: str, extra: str) -> Any:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        missing = f'needs {error.name or module}; pip install "castor-envs[{extra}]"'
+        missing = f"needs {error.name or module}; {with_extra(extra)}"
         raise InputError(f"--backend {'loky' if extra == 'joblib' else extra}: {missing}") from None

@@ -5,7 +5,7 @@ distances since the call before. Its kinematics are the pseudo-inverse of v + om
 gyro's turn replaces that of the wheels; then the pose moves along the exponential of the twist, an arc. Without a gyro,
 teams add up the turn of ``SwerveDriveKinematics.toTwist2d`` in its place, and so does this.
 
-The wheel is an extra: ``pip install "castor-envs[peers]"``. Where it is missing, both rows decline.
+The wheel is an extra: ``pip install '.[peers]'`` in the project's folder. Where it is missing, both rows decline.
 """
 
 import importlib

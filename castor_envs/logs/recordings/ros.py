@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.errors import InputError, message_of
+from castor_envs.errors import InputError, message_of, with_extra
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of
 
 MOST = 32
@@ -84,7 +84,7 @@ class Bag:
             from rosbags.highlevel import AnyReader, AnyReaderError
             from rosbags.typesys import Stores, get_typestore
         except ImportError:
-            raise InputError(f'{self._path}: needs rosbags; pip install "castor-envs[ros]"') from None
+            raise InputError(f"{self._path}: needs rosbags; {with_extra('ros')}") from None
         try:
             with AnyReader(_bags(self._path), default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
                 _check_parts(self._path, reader.readers)

@@ -13,7 +13,7 @@ from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, with_extra
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of
 
 STRUCTS = {
@@ -76,7 +76,7 @@ class DataLog:
         try:
             from wpiutil.log import DataLogReader
         except ImportError:
-            raise InputError(f'{self._path}: needs robotpy-wpiutil; pip install "castor-envs[wpilog]"') from None
+            raise InputError(f"{self._path}: needs robotpy-wpiutil; {with_extra('wpilog')}") from None
         with self._path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
             reader = DataLogReader(content, str(self._path))
             if not reader.isValid():

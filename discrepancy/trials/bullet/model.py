@@ -26,7 +26,7 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, with_extra
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
@@ -110,7 +110,7 @@ def bullet_module() -> Any:
     except ImportError:
         version = f"{sys.version_info.major}.{sys.version_info.minor}"
         hint = "" if sys.version_info < WHEELS_BELOW else f" on Python 3.11: there are no wheels of it for {version}"
-        raise InputError(f"generator bullet needs PyBullet; install castor-envs[bullet]{hint}") from None
+        raise InputError(f"generator bullet needs PyBullet; {with_extra('bullet')}{hint}") from None
 
 
 def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, with_extra
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
@@ -157,7 +157,7 @@ def mujoco_module() -> Any:
     try:
         mujoco: Any = importlib.import_module("mujoco")
     except ImportError:
-        raise InputError("the MuJoCo generator needs mujoco: pip install castor-envs[trial]") from None
+        raise InputError(f"the MuJoCo generator needs mujoco; {with_extra('trial')}") from None
     if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
         raise InputError(f"the MuJoCo generator needs mujoco 3.13 or newer, not {mujoco.__version__}: update it")
     return mujoco

@@ -206,6 +206,6 @@ def test_a_missing_package_is_named_with_its_extra(backend, module, extra, monke
         monkeypatch.delitem(sys.modules, name)
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(
-        InputError, match=rf'--backend {backend}: needs {module}.*; pip install "castor-envs\[{extra}\]"'
+        InputError, match=rf"--backend {backend}: needs {module}.*; pip install '\.\[{extra}\]' in the project's folder"
     ):
         connect(backend, None, 2)

@@ -159,7 +159,7 @@ def test_files_in_a_folder_are_one_bag_in_pieces_or_refused(tmp_path, bag_writer
 def test_without_rosbags_it_says_what_to_install(tmp_path, monkeypatch):
     (tmp_path / "run.bag").write_bytes(b"#ROSBAG V2.0\n")
     monkeypatch.setitem(sys.modules, "rosbags.highlevel", None)
-    with pytest.raises(InputError, match=r'pip install "castor-envs\[ros\]"'):
+    with pytest.raises(InputError, match=r"pip install '\.\[ros\]' in the project's folder"):
         survey(open_recording(tmp_path / "run.bag"), Clock("receive"))
 
 

@@ -93,5 +93,5 @@ def test_mistakes_are_refused_in_one_line(log, monkeypatch):
     with pytest.raises(InputError, match="damaged"):
         list(open_recording(short).readings(None, Clock()))
     monkeypatch.setitem(sys.modules, "wpiutil.log", None)
-    with pytest.raises(InputError, match=r'pip install "castor-envs\[wpilog\]"'):
+    with pytest.raises(InputError, match=r"pip install '\.\[wpilog\]' in the project's folder"):
         list(open_recording(log).readings(None, Clock()))
