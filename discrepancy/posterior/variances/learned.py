@@ -163,9 +163,9 @@ def _with_prior(prior: Array, information: Array, score: Array) -> tuple[float, 
     """Return the log evidence of normally distributed values (k,) with this covariance (k, k) about 0, against values
     of 0; and their posterior mean and standard deviation."""
     blurred = np.eye(len(score)) + prior @ information
-    solved = np.linalg.solve(blurred, np.column_stack([prior @ score, prior]))
+    solved: Array = np.linalg.solve(blurred, np.column_stack([prior @ score, prior]))
     log_evidence = float(score @ solved[:, 0] - np.linalg.slogdet(blurred)[1]) / 2
-    return log_evidence, solved[:, 0], np.asarray(np.sqrt(np.maximum(np.diag(solved[:, 1:]), 0.0)))
+    return log_evidence, solved[:, 0], np.maximum(np.diag(solved[:, 1:]), 0.0) ** 0.5
 
 
 def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[str, float] | None:
