@@ -163,7 +163,7 @@ def _with_prior(prior: Array, information: Array, score: Array) -> tuple[float, 
     """Return the log evidence of normally distributed values (k,) with this covariance (k, k) about 0, against values
     of 0; and their posterior mean and standard deviation."""
     blurred = np.eye(len(score)) + prior @ information
-    solved: Array = np.linalg.solve(blurred, np.column_stack([prior @ score, prior]))
+    solved = np.asarray(np.linalg.solve(blurred, np.column_stack([prior @ score, prior])), dtype=np.float64)
     log_evidence = float(score @ solved[:, 0] - np.linalg.slogdet(blurred)[1]) / 2
     return log_evidence, solved[:, 0], np.maximum(np.diag(solved[:, 1:]), 0.0) ** 0.5
 
