@@ -36,7 +36,7 @@ def as_data(vehicle: Vehicle) -> dict[str, Any]:
         "valid": True,
         "remarks": [remark._asdict() for remark in remarks(vehicle)],
         "mobility": robot,
-        "log_columns": _required_columns(vehicle),
+        "log_columns": _measured_columns(vehicle),
         "estimators": builtin_names(vehicle),
     }
 
@@ -47,7 +47,7 @@ def as_lines(vehicle: Vehicle) -> Iterator[str]:
     yield from _of_train(vehicle) if isinstance(vehicle, TrainDescription) else _of_robot(vehicle)
     if vehicle.effects:
         yield f"effects: {', '.join(effect.name for effect in vehicle.effects)}"
-    yield f"a log has: {', '.join(_required_columns(vehicle))}"
+    yield f"a log has: {', '.join(_measured_columns(vehicle))}"
     yield f"built-in estimators: {', '.join(builtin_names(vehicle)) or 'none serves it'}"
 
 
@@ -140,6 +140,6 @@ def _mobility_data(robot: RobotDescription) -> dict[str, Any]:
     }
 
 
-def _required_columns(vehicle: Vehicle) -> list[str]:
+def _measured_columns(vehicle: Vehicle) -> list[str]:
     columns = LogColumns.of(vehicle)
-    return [*columns.t, *columns.wheel, *columns.pivot]
+    return [*columns.t, *columns.wheel, *columns.pivot, *columns.rps]
