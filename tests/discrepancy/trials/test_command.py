@@ -48,7 +48,7 @@ def test_a_foreign_simulator_makes_cases_too(tmp_path):
 
 def test_a_generator_that_is_not_installed_says_how_it_is(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(InputError, match=r"install castor-envs\[bullet\]"):
+    with pytest.raises(InputError, match=r"pip install '\.\[bullet\]' in the project's folder"):
         generator("bullet")
 
 
