@@ -5,8 +5,9 @@ But a robot in good order hardly disagrees, as the controller that drives its wh
 usual disagreement is therefore estimated as a noise level, and what exceeds it is evidence.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from operator import itemgetter
 
@@ -48,6 +49,10 @@ BY_TURNING = (0.0, *np.geomspace(1e-5, 1e-2, 16).tolist())
 
 BODY = 3
 """Degrees of freedom of the body's motion, which is fitted to the rows of every step."""
+
+LASTING = (0.9, 0.95, 0.98)
+"""Correlations that are tried of disagreement in neighbouring long windows that lasts: on a circle it is the same all
+the time, so that its windows are hardly more than one measurement."""
 
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
@@ -116,10 +121,12 @@ class Disagreement:
             and the log-likelihood."""
             of_way = np.add.reduceat(left, starts, axis=0) / rolled[:, None]
             quick = _Quick.of(left, uneven, turns, way, short, parts, along, counted)
-            weight, likely = _weighed(of_way, _usual(of_way, counted, along, turned)[0], counted)
+            usual = _usual(of_way, counted, along, turned)
+            independent = usual.whitened(of_way)
+            weight, likely = _weighed(independent, usual, counted)
             by_quick, quickly = quick.by_row()
-            shown = np.add.reduceat(uneven, starts, axis=0) / rolled[:, None] * weight
-            score, information = np.sum(of_way * weight * shown, axis=0), 1 + np.sum(shown**2, axis=0)
+            shown = usual.whitened(np.add.reduceat(uneven, starts, axis=0) / rolled[:, None]) * weight
+            score, information = np.sum(independent * weight * shown, axis=0), 1 + np.sum(shown**2, axis=0)
             return of_way, quick, score + by_quick, information + quickly, likely + quick.likely
 
         found = []
@@ -168,18 +175,27 @@ class Disagreement:
 
     def sizes(self) -> Sizes:
         """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
-        return _sizes(self.seen, self.counted, self.along)
+        along, across = (_size(self.seen[self.counted][:, rows]) for rows in (self.along, ~self.along))
+        return along, across
 
     @cached_property
+    def _noise(self) -> "_Usual":
+        return _usual(self.seen, self.counted, self.along, self.turned)
+
+    @property
     def usual(self) -> Array:
         """The usual size (W, rows) of disagreement in every window, with the likeliest amount for contacts that motors
         turn on the floor. The slip that the fit sees there is no measure of it: that is larger with a wrong model."""
-        return _usual(self.seen, self.counted, self.along, self.turned)[0]
+        return self._noise.size
 
     @cached_property
     def scale(self) -> Array:
-        """The usual size (W, rows) beside the effects in the model: where these cause much, it is larger."""
-        return np.hypot(self.usual, self.doubt)
+        """The usual size (W, rows) beside the effects in the model: where these cause much, it is larger. By medians
+        alone, so that what happens at times, and lasts then, does not affect it."""
+        seen = self.seen[self.counted]
+        sizes = np.where(self.along, *(_size(seen[:, rows]) for rows in (self.along, ~self.along)))
+        plain = _Usual.independent(sizes, len(self.seen))
+        return np.hypot(_with_turning(self.seen, plain, self.counted, self.turned).size, self.doubt)
 
     def beside(self, columns: Sequence[int]) -> Array:
         """Return the disagreement (W, rows) in units of its `scale`, after least squares of these columns; 0 in windows
@@ -202,12 +218,13 @@ class Disagreement:
     def statistics(self) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
         where all of these are 0."""
-        weight, likely = _weighed(self.seen, self.usual, self.counted)
-        by_size, seen = self.by_size * weight[..., None], self.seen * weight
+        seen, uneven = self._noise.whitened(self.seen), self._noise.whitened(self.uneven)
+        weight, likely = _weighed(seen, self._noise, self.counted)
+        by_size, seen, uneven = self._noise.whitened(self.by_size) * weight[..., None], seen * weight, uneven * weight
         columns = by_size.reshape(self.seen.size, -1)
         information, score = columns.T @ columns, columns.T @ seen.reshape(-1)
-        crossed = np.einsum("wr,wrc->rc", self.uneven * weight, by_size) + self.quick[3]
-        of_rows = 1 + np.sum((self.uneven * weight) ** 2, axis=0) + self.quick[4]
+        crossed = np.einsum("wr,wrc->rc", uneven, by_size) + self.quick[3]
+        of_rows = 1 + np.sum(uneven**2, axis=0) + self.quick[4]
         information = information + self.quick[0] - (crossed.T / of_rows) @ crossed
         score, likely = score + self.quick[1], likely + self.quick[2] - float(np.sum(np.log(of_rows))) / 2
         masked = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the masked amount of a size disagrees less by as much
@@ -249,8 +266,11 @@ class _Quick:
         turned = _part_of_way(turns, starts, quick._rolled)
         free = (parts - 1) / parts
         quick._uneven = quick._differences(uneven, slice(0, len(way)))
-        usual, quick.likely = _with_turning(quick._seen, np.where(along, *sizes), counts, turned, free)
-        quick._weight, _ = _weighed(quick._seen, usual, counts, free)
+        usual = _with_turning(
+            quick._seen, _Usual.independent(np.where(along, *sizes), len(counts)), counts, turned, free
+        )
+        weight, quick.likely = _weighed(usual.whitened(quick._seen), usual, counts, free)
+        quick._weight = weight / usual.size
         return quick
 
     def add(self, by_size: Array, steps: slice) -> None:
@@ -293,44 +313,87 @@ def _rolled(way: Array, starts: NDArray[np.intp]) -> Array:
     return np.hypot(rolled, np.median(rolled) / 4) + 1e-9
 
 
-def _sizes(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_]) -> Sizes:
-    """Return `Disagreement.sizes`."""
-    return _size(seen[counted][:, along]), _size(seen[counted][:, ~along])
-
-
 def _part_of_way(variance: Array, starts: NDArray[np.intp], rolled: Array) -> Array:
     """Return standard deviations of sums over windows (W, ...), as a part of the way (W,), from variances of steps."""
     return np.sqrt(np.add.reduceat(variance, starts, axis=0)) / rolled[:, None]
 
 
-def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array) -> tuple[Array, float]:
-    """Return `Disagreement.usual`, and the log-likelihood of the disagreement."""
-    return _with_turning(seen, np.where(along, *_sizes(seen, counted, along)), counted, turned)
+@dataclass(frozen=True, eq=False)
+class _Usual:
+    """Usual disagreement: its size (W, rows), and its correlation (W, rows) with that of the window before."""
+
+    size: Array
+    correlation: Array
+
+    @classmethod
+    def independent(cls, size: Array, count: int) -> "_Usual":
+        """Return this for windows, so many, that do not correlate; size (rows,)."""
+        return cls(np.tile(size, (count, 1)), np.zeros((count, len(size))))
+
+    def whitened(self, values: Array | NDArray[np.float32]) -> Array:
+        """Return values (W, rows, ...) in units of the size, without what the window before lets expect: of usual
+        disagreement the standard deviation is 1, and nothing correlates."""
+        size, correlation = (of.reshape(*of.shape, *[1] * (values.ndim - 2)) for of in (self.size, self.correlation))
+        units = values / size
+        units[1:] -= correlation[1:] * units[:-1]
+        return units / np.sqrt(1 - correlation**2)
 
 
-def _with_turning(
-    seen: Array, sizes: Array, counted: NDArray[np.bool_], turned: Array, free: float = 1.0
-) -> tuple[Array, float]:
-    """Return the usual sizes (W, rows) with the likeliest amount for contacts that motors turn, and the log-likelihood;
-    sizes (rows,): without these."""
-    each = [np.hypot(sizes, by_turning * turned) for by_turning in BY_TURNING]
-    likely = [_weighed(seen, usual, counted, free)[1] for usual in each]
-    best = int(np.argmax(likely))
-    return each[best], likely[best]
+def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array) -> _Usual:
+    """Return the usual disagreement, by medians, with the likeliest amount for contacts that motors turn. It may last
+    where no motor turns contacts: where one does, it comes with turning."""
+    lasting = not np.any(turned)
+    kinds = np.array([_correlated(seen[:, rows], counted, lasting) for rows in (along, ~along)])
+    size, correlation = np.where(along[:, None], *kinds).T
+    usual = _Usual(np.tile(size, (len(seen), 1)), np.outer(_linked(counted), correlation))
+    return _with_turning(seen, usual, counted, turned)
 
 
-def _weighed(seen: Array, size: Array, counted: NDArray[np.bool_], free: float = 1.0) -> tuple[Array, float]:
-    """Return the weights (W, rows) of disagreements of these usual sizes (W, rows), and their log-likelihood; beyond
-    `FARTHEST` times its usual size the loss of a disagreement is linear, no more quadratic.
+def _linked(counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which windows (W,) follow another one that counts."""
+    return counted & np.concatenate([[False], counted[:-1]])
+
+
+def _with_turning(seen: Array, usual: _Usual, counted: NDArray[np.bool_], turned: Array, free: float = 1.0) -> _Usual:
+    """Return usual disagreement with the likeliest amount for contacts that motors turn."""
+    each = [replace(usual, size=np.hypot(usual.size, by_turning * turned)) for by_turning in BY_TURNING]
+    return max(each, key=lambda one: _weighed(one.whitened(seen), one, counted, free)[1])
+
+
+def _weighed(seen: Array, usual: _Usual, counted: NDArray[np.bool_], free: float = 1.0) -> tuple[Array, float]:
+    """Return the weights (W, rows) of disagreements that are whitened, and their log-likelihood; beyond `FARTHEST`
+    times its usual size the loss of a disagreement is linear, no more quadratic.
 
     free: part of the windows that are independent. A motion of the body has been fitted to each step, so of n rows
     n - 3 are, and the others follow from these.
     """
-    off = np.abs(seen) / size
     free *= max(seen.shape[1] - BODY, 0) / seen.shape[1]
-    weight = counted[:, None] * np.sqrt(free * np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) / size
-    far = np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
-    return weight, -free * float(np.sum(np.log(size[counted]) + far[counted]))
+    off = np.abs(seen)
+    weight: Array = np.sqrt(free * np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) * counted[:, None]
+    volume = np.log(usual.size) + np.log1p(-(usual.correlation**2)) / 2
+    return weight, -free * float(np.sum((volume + _loss(off))[counted]))
+
+
+def _loss(off: Array) -> Array:
+    """Return Huber's loss of disagreements in their usual sizes."""
+    return np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
+
+
+def _correlated(seen: Array, counted: NDArray[np.bool_], lasting: bool) -> tuple[float, float]:
+    """Return the size of disagreement (W, rows) of one kind, and the correlation of neighbouring windows, with which it
+    is the likeliest: 0, or, if it may last, one of `LASTING`, where what is new in each window is at least `LEAST`."""
+    if not seen[counted].size:
+        return LEAST, 0.0
+    linked, found = _linked(counted), []
+    for correlation in (0.0, *(LASTING if lasting else ())):
+        alone = _Usual(np.ones(seen.shape), np.full(seen.shape, correlation) * linked[:, None])
+        off = np.abs(alone.whitened(seen)[counted])
+        least = LEAST / math.sqrt(1 - correlation**2)
+        size = max(float(np.median(off)) / MEDIAN, least) if correlation else _size(seen[counted])
+        volume = off.size * math.log(size) + float(np.sum(np.log1p(-(alone.correlation[counted] ** 2)))) / 2
+        found.append((volume + float(np.sum(_loss(off / size))), size, correlation))
+    _, size, correlation = min(found)
+    return size, correlation
 
 
 def of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> tuple[Array, Array]:

@@ -64,6 +64,48 @@ def test_windows_beyond_what_is_usual_count_with_their_distance():
     assert likely[2] - likely[3] == pytest.approx(likely[3] - likely[4])
 
 
+@pytest.mark.parametrize("correlation", [0.0, 0.9, 0.95])
+def test_correlated_windows_have_the_density_of_their_process(correlation):
+    """An autoregressive process: its density in closed form, by the covariance of all windows of a row."""
+    (disagreement,) = seen().disagreements
+    random, (count, rows) = np.random.default_rng(1), (200, disagreement.seen.shape[1])
+    lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
+    covariance = (20 * LEAST) ** 2 * correlation**lag
+    off = np.linalg.cholesky(covariance) @ random.normal(size=(count, rows))
+    quick = (*(0 * of for of in disagreement.quick[:2]), 0.0, *(0 * of for of in disagreement.quick[3:]))
+    long = dataclasses.replace(
+        disagreement,
+        seen=off,
+        uneven=np.zeros(off.shape),
+        turned=np.zeros(off.shape),
+        by_size=np.ones((*off.shape, disagreement.by_size.shape[2]), dtype=np.float32),
+        counted=np.ones(count, dtype=bool),
+        quick=quick,
+    )
+    information, _, likely = long.statistics()
+    independent = 1 - 3 / rows
+    inverse = np.linalg.inv(covariance)
+    density = -(rows * np.linalg.slogdet(covariance)[1] + np.sum(off * (inverse @ off))) / 2
+    assert likely / independent == pytest.approx(density, abs=0.02 * off.size)  # the process is estimated, robustly
+    assert information[0, 0] / independent == pytest.approx(rows * np.sum(inverse), rel=0.35)
+
+
+def test_what_is_the_same_all_the_time_counts_less_than_what_is_new_in_each_window():
+    """On a circle, wheels that disagree by ten times what rounding leaves, for 60 s: if each window were a measurement
+    of its own, that would be exp(830) times less likely."""
+    (disagreement,) = seen().disagreements
+    count, rows = 60, disagreement.seen.shape[1]
+    empty = np.zeros((count, rows))
+    by_size = np.zeros((count, rows, disagreement.by_size.shape[2]), dtype=np.float32)
+    noise, likely = LEAST * np.random.default_rng(2).normal(size=(count, rows)), []
+    for constant in (0.0, 10 * LEAST):
+        parts = {"seen": noise + constant, "uneven": empty, "turned": empty, "by_size": by_size}
+        told = dataclasses.replace(disagreement, counted=np.ones(count, dtype=bool), **parts)
+        likely.append(told.statistics()[2])
+    independent = count * (rows - 3) * np.log(10)
+    assert 0 < likely[0] - likely[1] < independent / 5
+
+
 def test_what_each_row_may_disagree_by_counts_as_correlated_noise():
     """In closed form: a part of a pattern, normal with standard deviation 1, adds the pattern's outer product to the
     covariance of its row."""
