@@ -102,11 +102,10 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
     if remark := Places(described).remark(guessed):
         print(f"note: {remark}")
-    if undecided or clock.period is not None:
-        todo = [f"replace each {UNDECIDED!r} by a channel"] if undecided else []
-        todo += (
-            ["give the time between rows, 's', as 'period', or a column as 'time'"] if clock.period is not None else []
-        )
+    todo = [f"replace each {UNDECIDED!r} by a channel"] if undecided else []
+    if clock.period is not None:
+        todo.append("give the time between rows, 's', as 'period', or a column as 'time'")
+    if todo:
         print(f"next: edit {MAP}: {'; '.join(todo)}; then give --map {MAP}")
     else:
         print(following)

@@ -192,7 +192,9 @@ def test_the_table_of_tasks_has_their_names_cases_and_metrics():
     assert found == {task.name: (len(task.cases()), BOARD_METRICS[task.metric].title) for task in official_tasks()}
 
 
-@pytest.mark.parametrize("document", ["README.md", "CONTRIBUTING.md", "docs/benchmark.md", "docs/doebbler.md", "docs/trains.md"])
+@pytest.mark.parametrize(
+    "document", ["README.md", "CONTRIBUTING.md", "docs/benchmark.md", "docs/doebbler.md", "docs/trains.md"]
+)
 def test_paths_in_documents_exist(document):
     text = (ROOT / document).read_text(encoding="utf-8")
     named = re.findall(

@@ -31,7 +31,7 @@ from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
 from discrepancy.posterior.variances.lost import lossy_encoders
-from discrepancy.posterior.variances.noise_excess import noise_of, noisy_answers
+from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, gap_grows, gap_shrinks, judged, verdict_of
 from discrepancy.validation.cost import WAY
 from discrepancy.validation.sufficient import check_seen, must_fit
@@ -296,7 +296,7 @@ class _HeldOut:
         return linearise(robot, self.search.held_out, among=among, released=self.free, **known)
 
 
-def _confirmed(search: _Search, usual: Any) -> Diagnosis[RobotDescription, Linearised]:
+def _confirmed(search: _Search, usual: list[dict[str, Found]] | None) -> Diagnosis[RobotDescription, Linearised]:
     """Return the diagnosis: what was found, as far as held-out logs confirm it. usual: noise of clean logs."""
     robot, base, logs, seen, material = search.robot, search.base, search.logs, search.seen, search.material
     held_out = _HeldOut(search)
@@ -337,6 +337,8 @@ def _with_dimensions(
     dimensions = {effect.candidate for effect in built}
     others = [effect for effect in diagnosis.sized if effect.candidate not in dimensions]
     together = guessed(search.base, search.look, seen, search.good, built, others)
+    if not together:
+        return diagnosis
     changed = replace(diagnosis, dimensions=tuple(one for one in together if one.matters(seen, material)))
     pair = held_out.beside(diagnosis.found), held_out.beside(changed.found)
     return changed if gap_shrinks(*pair, material) and not gap_grows(*pair, material) else diagnosis

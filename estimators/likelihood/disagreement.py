@@ -192,10 +192,8 @@ class Disagreement:
     def scale(self) -> Array:
         """The usual size (W, rows) beside the effects in the model: where these cause much, it is larger. By medians
         alone, so that what happens at times, and lasts then, does not affect it."""
-        seen = self.seen[self.counted]
-        sizes = np.where(self.along, *(_size(seen[:, rows]) for rows in (self.along, ~self.along)))
-        plain = _Usual.independent(sizes, len(self.seen))
-        return np.hypot(_with_turning(self.seen, plain, self.counted, self.turned).size, self.doubt)
+        usual = _usual(self.seen, self.counted, self.along, self.turned, may_last=False)
+        return np.hypot(usual.size, self.doubt)
 
     def beside(self, columns: Sequence[int]) -> Array:
         """Return the disagreement (W, rows) in units of its `scale`, after least squares of these columns; 0 in windows
@@ -339,10 +337,12 @@ class _Usual:
         return units / np.sqrt(1 - correlation**2)
 
 
-def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array) -> _Usual:
+def _usual(
+    seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, may_last: bool = True
+) -> _Usual:
     """Return the usual disagreement, by medians, with the likeliest amount for contacts that motors turn. It may last
     where no motor turns contacts: where one does, it comes with turning."""
-    lasting = not np.any(turned)
+    lasting = may_last and not np.any(turned)
     kinds = np.array([_correlated(seen[:, rows], counted, lasting) for rows in (along, ~along)])
     size, correlation = np.where(along[:, None], *kinds).T
     usual = _Usual(np.tile(size, (len(seen), 1)), np.outer(_linked(counted), correlation))
