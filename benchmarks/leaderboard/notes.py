@@ -39,8 +39,8 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
         notes.append(f"{CEILING} is told what nobody can know, as a ceiling of what is possible; it is no estimator")
     if board.floor is not None:
         notes.append(
-            f"{FLOOR} never moves: where a drive ends near its start, its last position is nearly right, and its heading "
-            "is off by the full turns driven"
+            f"{FLOOR} never moves: where a drive ends near its start, its last position is nearly right, and its "
+            "heading is off by the full turns driven"
         )
     for entry in board.entries:
         for failed in entry.failed:
