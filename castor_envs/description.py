@@ -5,7 +5,7 @@ import inspect
 import json
 import os
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Protocol, TypeVar
 
@@ -13,7 +13,7 @@ from pydantic import AfterValidator, ConfigDict, Field, TypeAdapter, ValidationE
 from pydantic.json_schema import GenerateJsonSchema, JsonSchemaValue
 from pydantic_core import core_schema
 
-from castor_envs.errors import InputError, shortened
+from castor_envs.errors import InputError, did_you_mean, shortened
 from castor_envs.files import read_json, write_json
 
 CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
@@ -68,14 +68,38 @@ Seed = Annotated[int, Field(ge=0, lt=2**64)]
 
 _IN_OUR_WORDS = {
     "missing": "is required; add it",
-    "unexpected_keyword_argument": "is not known; remove it or mend its name",
+    "unexpected_keyword_argument": "is not known",
+    **dict.fromkeys(("union_tag_not_found", "union_tag_invalid"), "needs a 'name', which says what it is"),
 }
 """Messages about keys, where Pydantic's own speak of arguments and fields."""
+
+_ONE_OF: dict[str | int, str] = {
+    "castors": "castor",
+    "wheels": "wheel",
+    "effects": "effect",
+    "modules": "module",
+    "frames": "frame",
+    "gauges": "gauge",
+    "patches": "patch",
+    "cables": "cable",
+}
+"""What one of a list is called, in words of all other messages, which say castor 2."""
 
 MOST_NAMED = 3
 """Most problems of a file that an error names."""
 
 T = TypeVar("T")
+
+
+class InvalidDescription(InputError):  # noqa: N818 - what was given
+    """Data that are no description of their format. problems: a line for each, without the name of the file."""
+
+    def __init__(self, source: str, problems: Sequence[str]) -> None:
+        super().__init__(source, problems)
+        self.problems = problems
+
+    def __str__(self) -> str:
+        return f"{self.args[0]}: {_first(self.problems)}"
 
 
 def to_data(adapter: TypeAdapter[T], value: T, name: str) -> dict[str, Any]:
@@ -96,7 +120,7 @@ def from_data(adapter: TypeAdapter[T], data: Any, name: str, source: str) -> T:
     try:
         return adapter.validate_json(json.dumps(body), strict=True)
     except ValidationError as error:
-        raise InputError(f"{source}: {explain(error)}") from error
+        raise InvalidDescription(source, problems_of(error, adapter)) from error
 
 
 def fingerprint(data: dict[str, Any]) -> str:
@@ -135,30 +159,88 @@ def with_possible_effects(described: D, source: str) -> D:
 
 def explain(error: ValidationError) -> str:
     """Say in one line what the first few problems are and where."""
-    problems = problems_of(error)
+    return _first(problems_of(error))
+
+
+def _first(problems: Sequence[str]) -> str:
     unnamed = len(problems) - MOST_NAMED
     return "; ".join(problems[:MOST_NAMED]) + (f"; and {unnamed} more" if unnamed > 0 else "")
 
 
-def problems_of(error: ValidationError) -> list[str]:
-    """Return a line for every problem: where it is and what it is."""
+def problems_of(error: ValidationError, adapter: TypeAdapter[Any] | None = None) -> list[str]:
+    """Return a line for every problem: where it is and what it is; of a key that is not known, which may be meant.
+
+    adapter: that refused the data; without it, no key is known.
+    """
     problems, found = [], error.errors()
+    unknown = [item["loc"] for item in found if item["type"] == "unexpected_keyword_argument"]
+    schema = adapter.json_schema() if adapter is not None and unknown else {}
     for item in found:
         inside = any(other["loc"][: len(item["loc"])] == item["loc"] for other in found if other is not item)
         if item["type"] == "too_short" and inside:
             continue  # wrong items are not counted, and are named themselves
-        place = ".".join(str(part) for part in item["loc"])
+        place = place_of(item["loc"])
         message = _IN_OUR_WORDS.get(item["type"], item["msg"].removeprefix("Value error, "))
         limits = item.get("ctx", {})
         if item["type"] == "too_short":
             message = f"needs at least {limits['min_length']} of them, has {limits['actual_length']}"
         elif item["type"] == "too_long":
             message = f"needs at most {limits['max_length']} of them, has {limits['actual_length']}"
+        elif item["loc"] in unknown:
+            known = _keys_of(schema, item["loc"][:-1])
+            message += did_you_mean(str(item["loc"][-1]), known) if known else "; remove it or mend its name"
         given = item["input"]
         hidden = not isinstance(given, str | int | float | None) or item["type"] in _IN_OUR_WORDS
         shown = "" if hidden else f", got {shortened(repr(given), 80)}"
         problems.append(f"{place}: {message}{shown}" if place else f"{message}{shown}")
     return problems
+
+
+def place_of(parts: Sequence[str | int]) -> str:
+    """Return where in a file something is, its lists counted from 1: ``castor 2, wheel 1, radius``."""
+    place = ""
+    for k, part in enumerate(parts):
+        before = parts[k - 1] if k else ""
+        if isinstance(part, int):
+            one = _ONE_OF.get(before)
+            place = (
+                f"{place}, number {part + 1}" if one is None else f"{place.removesuffix(str(before))}{one} {part + 1}"
+            )
+        elif isinstance(before, int) and parts[k - 2] == "effects":
+            place += f" ({part})"  # an effect's name, which Pydantic adds
+        else:
+            place += (", " if isinstance(before, int) or place.endswith(")") else "." if place else "") + part
+    return place
+
+
+def _keys_of(schema: JsonSchemaValue, place: Iterable[str | int]) -> set[str]:
+    """Return the keys that the object at a place of a file may have, by the schema of the file."""
+    kinds = [schema]
+    for part in place:
+        kinds = [inner for kind in kinds for inner in _within(schema, kind, part)]
+    return {key for kind in kinds for key in kind.get("properties", ())}
+
+
+def _within(schema: JsonSchemaValue, kind: JsonSchemaValue, part: str | int) -> Iterator[JsonSchemaValue]:
+    """Yield what may be at a key or a number of a list (or with the name that Pydantic adds) in a kind of value."""
+    properties = kind.get("properties", {})
+    if properties.get("name", {}).get("const") == part:
+        yield kind
+    elif isinstance(part, int):
+        yield from _kinds(schema, kind.get("items", {}))
+    else:
+        yield from _kinds(schema, properties.get(part) or kind.get("additionalProperties") or {})
+
+
+def _kinds(schema: JsonSchemaValue, kind: JsonSchemaValue) -> Iterator[JsonSchemaValue]:
+    """Yield the kinds of value that a part of a schema allows, each as it is defined."""
+    if "$ref" in kind:
+        kind = schema["$defs"][kind["$ref"].rpartition("/")[2]]
+    options = kind.get("anyOf") or kind.get("oneOf")
+    if options is None:
+        yield kind
+    for option in options or ():
+        yield from _kinds(schema, option)
 
 
 def schema_of(adapter: TypeAdapter[Any], name: str) -> dict[str, Any]:

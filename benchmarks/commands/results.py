@@ -1,12 +1,14 @@
 """Commands that show stored results as text, and compute or write them again."""
 
 import json
+import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from benchmarks.export.cases import export_cases, export_form
+from benchmarks.export.logs import export_log
 from benchmarks.leaderboard.overview import overviews
 from benchmarks.leaderboard.overview_views import overviews_markdown, print_overviews
 from benchmarks.leaderboard.stored import stored_boards
@@ -17,7 +19,6 @@ from benchmarks.options import (
     LOADING,
     GroupNames,
     MeasuredData,
-    OtherRobotName,
     Results,
     TaskNames,
     at_least,
@@ -30,6 +31,7 @@ from benchmarks.results.robots import with_stored_robots
 from benchmarks.results.rows import check_results_folder
 from benchmarks.run.choose import tasks_with
 from benchmarks.run.task_plugins import with_plugged
+from benchmarks.show.command import Following
 from benchmarks.site.pages import single_page
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
@@ -109,7 +111,7 @@ def forget_rows(
 
 
 def export(
-    task: Annotated[str, typer.Argument(help="A task's name, or file.py[:Class].")],
+    task: Annotated[str, typer.Argument(help="A task's name, or file.py[:Class]; or a log (.csv), with its --robot.")],
     cases: Annotated[int, typer.Option(help="The first so many cases.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder to write to; it must not exist yet.")] = Path("castor-episodes"),
     form: Annotated[
@@ -118,14 +120,34 @@ def export(
     results: Annotated[
         Path | None, typer.Option("--results", help="With tum or kitti: the estimates stored in this folder too.")
     ] = None,
+    estimator: Annotated[
+        list[str] | None, typer.Option(help="With a log: who follows it, as in show (may be given several times).")
+    ] = None,
     measured: MeasuredData = None,
-    robot: OtherRobotName = None,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="Another robot for the tasks of squares, or the one that made the log: a preset or a file."),
+    ] = None,
 ) -> None:
     """Write episodes as files: what estimators are given with the true poses, or poses as TUM or KITTI text.
+
+    Of a log its reference and the poses of estimators are written.
 
     The floor that was driven on, where it is known and not even, is beside each run as a floor file; with TUM or KITTI
     text also as a map (YAML and PNG) that evo_traj -p --plot_mode xy --ros_map_yaml draws.
     """
+    if task.endswith(".csv"):
+        if robot is None:
+            raise InputError(f"{task}: name the robot that made it with --robot, a file or a preset")
+        if results is not None:
+            raise InputError("--results: has rows of tasks; with a log name estimators by --estimator")
+        following = Following(estimator or (), processes=os.cpu_count() or 1)
+        for name, reason in export_log(Path(task), robot, out, export_form(form), following).items():
+            print(f"{name} gave no poses: {reason}")
+        print(f"{out}: poses of {task}")
+        return
+    if estimator:
+        raise InputError("--estimator: is for a log; of a task --results adds what run has stored")
     known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))
     (chosen,) = select_tasks(*with_plugged(known, [task], LOADING))
     at_least("--cases", cases, 1)

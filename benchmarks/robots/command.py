@@ -25,7 +25,7 @@ def check_robot(file: str, png: Path | None, as_json: bool) -> bool:
     try:
         vehicle = load_vehicle(file)
     except InputError as error:
-        if not Path(file).exists():
+        if not Path(file).is_file():
             raise
         problems = summary.findings_of(error)
         if as_json:

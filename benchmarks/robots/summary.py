@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Any
 
-from castor_envs.description import problems_of
+from castor_envs.description import InvalidDescription
 from castor_envs.errors import InputError, printable, shortened
 from castor_envs.logs.columns import LogColumns
 from castor_envs.motion.mobility import Mobility
@@ -20,8 +20,7 @@ MM = 1e3
 
 def findings_of(error: InputError) -> list[str]:
     """Return a line for each problem of a file that could not be read."""
-    cause = error.__cause__
-    found = problems_of(cause) if hasattr(cause, "errors") else [str(error)]  # type: ignore[arg-type]
+    found = error.problems if isinstance(error, InvalidDescription) else [str(error)]
     return [printable(problem) for problem in found]
 
 

@@ -12,6 +12,7 @@ from castor_envs.vehicles.train import TrainDescription
 
 #: Names of a header that an error lists: more than any robot of the presets needs.
 SHOWN = 20
+_OTHER_PROGRAM = "; castor-bench import makes a log of a recording by another program"
 
 
 class LogColumns(NamedTuple):
@@ -76,6 +77,13 @@ class LogColumns(NamedTuple):
 
         t, wheels and pivots are required; each other part needs all of its columns or none.
         """
+        if len(names) == 1:
+            message = f"the header has a single column; separate columns by commas{_OTHER_PROGRAM}"
+            raise complaint(path, line, None, message)
+        known = self.known
+        if not known.intersection(names):
+            message = f"no column of a log is in the header, which has {listed(names)}{_OTHER_PROGRAM}"
+            raise complaint(path, line, None, message)
         places: dict[str, int] = {}
         for k, name in enumerate(names):
             if not name.strip():
@@ -85,9 +93,6 @@ class LogColumns(NamedTuple):
             if first < k:
                 message = f"appears twice, at places {first + 1} and {k + 1}; rename or remove one"
                 raise complaint(path, line, name, message)
-        if len(names) == 1:
-            raise complaint(path, line, None, "the header has a single column; separate columns by commas")
-        known = self.known
         for name in names:
             if name in known or not self._foreign(name):
                 continue

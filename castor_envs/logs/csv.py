@@ -37,7 +37,8 @@ import dataclasses
 import heapq
 import itertools
 import os
-from collections.abc import Callable, Iterator, Sequence
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -45,18 +46,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from castor_envs.files import write_atomically
-from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.arrays import Array, Numbers
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import OPTIONAL, REQUIRED, Log, pivot_jumps
+from castor_envs.logs.log import OPTIONAL, REQUIRED, TEXT, Log, pivot_jumps
 from castor_envs.logs.reference import TimedPoses
-from castor_envs.logs.table import Line, check_width, complaint, number, numbers, read_lines
+from castor_envs.logs.table import Line, check_width, complaint, each_line, numbers
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
 
 _MAY_BE_BLANK = ("command", "steering_command", "reference", "fix", "fix_age", "rps")
 _FLAT = ("t", "gyro", "fix_age")
 CHUNK = 4096
-"""Rows that are text at once while a log is written."""
+"""Rows that are text at once while a log is read or written: some MB."""
 
 #: The largest absolute value of a log's numbers, by part. t: 64 bits of nanoseconds since 1970, so that a clock in
 #: another unit is still read, and reported by the diagnosis. Counts: below 2^53 all whole numbers, and so all
@@ -83,29 +84,63 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     half-blank poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a turn (see
     `pivot_jumps`), wrapped headings.
     """
-    path = Path(path)
-    header, *rows = read_lines(path)
+    path, columns = Path(path), LogColumns.of(vehicle)
+    lines = each_line(path)
+    header = next(lines)
     names = [name.strip() for name in header.cells]
-    columns = LogColumns.of(vehicle)
     columns.check_header(path, header.number, names)
     columns.check_castors(path, header.number, names, vehicle)
-    for row in rows:
-        check_width(path, row, len(names))
     place = {name: k for k, name in enumerate(names)}
-    rows, posed = _split(columns, place, rows)
-    present = [part for part in OPTIONAL if any(name in place for name in getattr(columns, part))]
-    parts = {part: _values(path, columns, part, place, rows) for part in (*REQUIRED, *present)}
-    if columns.rps and "rps" not in parts:
-        parts["rps"] = np.full((len(rows), len(columns.rps)), np.nan)
     known = columns.known
-    extra = {name: [row.cells[k] for row in rows] for name, k in place.items() if name not in known}
-    log = Log(**parts, extra=extra, undone=())
-    lines = [row.number for row in rows]
-    _check_values(path, lines, log, vehicle)
-    if not posed:
+    optional = [part for part in OPTIONAL if any(name in place for name in getattr(columns, part))]
+    counted = _Rows(path, columns, place, (*REQUIRED, *optional), [name for name in names if name not in known])
+    posed = _Rows(path, columns, place, ("t", "reference"))
+    for piece in iter(lambda: list(itertools.islice(lines, CHUNK)), []):
+        for row in piece:
+            check_width(path, row, len(names))
+        for kind, rows in zip((counted, posed), _split(columns, place, piece), strict=True):
+            kind.add(rows)
+    parts = counted.parts()
+    if columns.rps and "rps" not in parts:
+        parts["rps"] = np.full((len(counted.line), len(columns.rps)), np.nan)
+    log = Log(**parts, extra=counted.extra(), undone=())
+    _check_values(path, counted.line, log, vehicle)
+    if not posed.line:
         return log
-    tracked = _tracked(path, columns, place, posed, log, lines)
-    return dataclasses.replace(log, reference=tracked.at(log.t))
+    return dataclasses.replace(log, reference=_tracked(path, columns, posed, log, counted.line).at(log.t))
+
+
+class _Rows:
+    """Rows of a file, taken piece by piece: what stays of a piece are numbers of its lines, numbers, and extra text."""
+
+    def __init__(
+        self, path: Path, columns: LogColumns, place: dict[str, int], parts: Iterable[str], extra: Iterable[str] = ()
+    ) -> None:
+        self.line = array("q")
+        self._path, self._columns, self._place = path, columns, place
+        self._parts: dict[str, list[Array]] = {part: [] for part in parts}
+        self._extra: dict[str, list[Numbers]] = {name: [] for name in extra}
+        self.add([])  # so that of a file without rows, too, each part has its width
+
+    def add(self, rows: list[Line]) -> None:
+        """Take a piece; raises InputError for cells that are not what they should be."""
+        self.line.extend(row.number for row in rows)
+        for part, pieces in self._parts.items():
+            pieces.append(_values(self._path, self._columns, part, self._place, rows))
+        for name, pieces in self._extra.items():
+            pieces.append(np.array([row.cells[self._place[name]] for row in rows], dtype=TEXT))
+
+    def parts(self) -> dict[str, Array]:
+        """Return the numbers of all rows by part, and forget them."""
+        return _joined(self._parts)
+
+    def extra(self) -> dict[str, Numbers]:
+        """Return the text of all rows by column, and forget it."""
+        return _joined(self._extra)
+
+
+def _joined(pieces: dict[str, list[Any]]) -> dict[str, Any]:
+    return {name: np.concatenate(pieces.pop(name)) for name in list(pieces)}
 
 
 def _split(columns: LogColumns, place: dict[str, int], rows: list[Line]) -> tuple[list[Line], list[Line]]:
@@ -128,27 +163,25 @@ def _values(path: Path, columns: LogColumns, part: str, place: dict[str, int], r
         values = numbers(path, rows, dict(present))
         return values[:, 0] if part in _FLAT else values
     values = np.full((len(rows), len(present)), np.nan)
-    for k, row in enumerate(rows):
-        for group in _groups(part, len(present)):
-            if not _blank(path, row, present[group]):
-                values[k, group] = [number(path, row.number, name, row.cells[at]) for name, at in present[group]]
+    for group in _groups(part, len(present)):
+        given = [k for k, row in enumerate(rows) if not _blank(path, row, present[group])]
+        values[given, group] = numbers(path, [rows[k] for k in given], dict(present[group]))
     return values[:, 0] if part in _FLAT else values
 
 
-def _tracked(
-    path: Path, columns: LogColumns, place: dict[str, int], posed: list[Line], log: Log, lines: list[int]
-) -> TimedPoses:
+def _tracked(path: Path, columns: LogColumns, posed: _Rows, log: Log, lines: Sequence[int]) -> TimedPoses:
     """Return all poses of a file, also those in rows with counts; raises InputError for mistakes in them."""
-    t, pose = (_values(path, columns, part, place, posed) for part in ("t", "reference"))
+    parts = posed.parts()
     assert log.reference is not None
-    _check_size(path, [row.number for row in posed], columns.reference, pose, "reference")
-    line = np.array([row.number for row in posed] + lines)
-    t, pose = np.append(t, log.t), np.concatenate([pose, log.reference])
+    _check_size(path, posed.line, columns.reference, parts["reference"], "reference")
+    line, t = np.append(posed.line, lines), np.append(parts["t"], log.t)
     order = np.argsort(line)
-    _check_times(path, line[order].tolist(), t[order])
-    known = order[np.isfinite(pose[order]).all(axis=1)]
-    _check_headings(path, line[known].tolist(), columns, pose[known])
-    return TimedPoses(t[known], pose[known])
+    line, t, pose = line[order], t[order], np.concatenate([parts["reference"], log.reference])[order]
+    _check_times(path, line, t)
+    known = np.isfinite(pose).all(axis=1)
+    line, t, pose = line[known], t[known], pose[known]
+    _check_headings(path, line, columns, pose)
+    return TimedPoses(t, pose)
 
 
 def write_log(path: str | os.PathLike[str], log: Log, vehicle: Vehicle, tracked: TimedPoses | None = None) -> None:
@@ -296,21 +329,21 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
         _check_headings(path, lines, columns, log.reference)
 
 
-def _check_times(path: Path, lines: Sequence[int], t: Array) -> None:
+def _check_times(path: Path, lines: Sequence[int] | Numbers, t: Array) -> None:
     for k in np.flatnonzero(np.diff(t) <= 0)[:1] + 1:
         before, current = float(t[k - 1]), float(t[k])
         problem = f"repeats {current!r}" if current == before else f"goes back from {before!r} to {current!r}"
-        raise complaint(path, lines[k], "t", f"{problem}; sort the rows and keep one for each time")
+        raise complaint(path, int(lines[k]), "t", f"{problem}; sort the rows and keep one for each time")
 
 
-def _check_headings(path: Path, lines: Sequence[int], columns: LogColumns, poses: Array) -> None:
+def _check_headings(path: Path, lines: Sequence[int] | Numbers, columns: LogColumns, poses: Array) -> None:
     for k, axle in np.argwhere(np.abs(np.diff(poses[:, 2::3], axis=0)) > np.pi)[:1]:
         name = columns.reference[3 * axle + 2]
         step = float(np.diff(poses[k : k + 2, 3 * axle + 2])[0])
         degrees = (
             "" if abs(abs(step) - 2 * np.pi) < np.pi / 2 else f" by {step:.4g} rad, or are these degrees? give rad"
         )
-        raise complaint(path, lines[k + 1], name, f"steps by over half a turn; unwrap the heading (rad){degrees}")
+        raise complaint(path, int(lines[k + 1]), name, f"steps by over half a turn; unwrap the heading (rad){degrees}")
 
 
 def _check_finite(path: Path, lines: Sequence[int], names: tuple[str, ...], values: Array, part: str) -> None:

@@ -1,8 +1,10 @@
 """A log: what one run of a robot or a train recorded."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.dtypes import StringDType
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Numbers
@@ -12,6 +14,8 @@ from castor_envs.vehicles.effect import Effect
 #: The parts of a log that are always there, and those that may be None.
 REQUIRED = ("t", "wheel", "pivot")
 OPTIONAL = ("command", "steering_command", "reference", "gyro", "fix", "fix_age", "rps", "rps_age")
+#: The type of arrays of text: 16 bytes a cell, and those of it where they are more than 15.
+TEXT = StringDType()
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,8 +27,8 @@ class Log:
     x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None. fix (K, 3): x, y,
     psi of the body as an external sensor has it, NaN where there is none (psi alone: of the position only), and fix_age
     (K,), s, how long ago that was true; zeros where it is left out. extra: the columns that
-    the vehicle does not have, as text. undone: mistakes of wiring that are undone in these counts, while the controller
-    of the run did not know of them. Arrays of any real numbers are held as float64.
+    the vehicle does not have, as text (K,). undone: mistakes of wiring that are undone in these counts, while the
+    controller of the run did not know of them. Arrays of any real numbers are held as float64, text as `TEXT`.
 
     Of a train of N axles and F frames: wheel and command (K, 2N), pivot (K, 0), reference (K, 3N), axle by axle. rps
     (K, 3F): x, y, phi of every frame's front axle in its rear axle's frame, NaN where a frame has no reading. rps_age
@@ -42,7 +46,7 @@ class Log:
     fix_age: Numbers | None = None
     rps: Numbers | None = None
     rps_age: Numbers | None = None
-    extra: dict[str, list[str]] = field(default_factory=dict)
+    extra: Mapping[str, Sequence[str] | Numbers] = field(default_factory=dict)
     undone: tuple[Effect, ...] = ()
 
     def __post_init__(self):
@@ -52,6 +56,7 @@ class Log:
                 if len(values) != len(self.t):
                     raise ValueError(f"{part} has {len(values)} rows, t has {len(self.t)}")
                 object.__setattr__(self, part, values)
+        object.__setattr__(self, "extra", {name: np.asarray(cells, TEXT) for name, cells in self.extra.items()})
         if self.rps is not None and self.rps_age is None:
             object.__setattr__(self, "rps_age", np.zeros((len(self.t), self.rps.shape[1] // 3)))
         if self.rps is None and self.rps_age is not None:

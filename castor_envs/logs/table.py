@@ -30,18 +30,27 @@ def read_lines(path: Path, delimiter: str = ",") -> list[Line]:
 
     Raises InputError if there are none, or the file cannot be read.
     """
+    return list(each_line(path, delimiter))
+
+
+def each_line(path: Path, delimiter: str = ",") -> Iterator[Line]:
+    """Yield the lines of a CSV file that are not blank, one in memory at a time; raises InputError as `read_lines`."""
     if path.is_dir():
-        raise complaint(path, None, None, "is a folder; name a CSV file in it")
+        raise complaint(
+            path, None, None, "is a folder; name a CSV file in it (of a ROS bag, castor-bench import makes one)"
+        )
+    empty = True
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = list(_lines(path, file, delimiter))
+            for line in _lines(path, file, delimiter):
+                empty = False
+                yield line
     except OSError as error:
         raise complaint(path, None, None, f"cannot be read ({error.strerror or error})") from None
     except UnicodeDecodeError:
         raise complaint(path, None, None, "is not text in UTF-8; save it as UTF-8") from None
-    if not lines:
+    if empty:
         raise complaint(path, None, None, "is empty; a CSV file was expected")
-    return lines
 
 
 def _lines(path: Path, file: Iterator[str], delimiter: str) -> Iterator[Line]:

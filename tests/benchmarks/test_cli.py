@@ -160,6 +160,9 @@ def test_the_list_shows_groups_and_what_is_slow(planned, castor_bench):
 MISTAKES = {
     "task": (("run", "--task", "arks"), "unknown task 'arks'; did you mean 'arcs'?"),
     "task of the board": (("leaderboard", "--task", "arks"), "unknown task 'arks'; did you mean 'arcs'?"),
+    "export of a log without a robot": (("export", "log.csv"), "log.csv: name the robot that made it with --robot"),
+    "export of a log as what it is": (("export", "log.csv", "--robot", "differential"), "is CSV already; choose"),
+    "estimator for a task's export": (("export", "arcs", "--estimator", "cast-0"), "--estimator: is for a log"),
     "group": (("run", "--group", "square"), "unknown group of tasks 'square'; did you mean 'squares'?"),
     "estimator": (("run", "--estimator", "kast-0"), "did you mean 'cast-0'?"),
     "two of one name": (

@@ -4,6 +4,7 @@ import gymnasium as gym
 import numpy as np
 import pytest
 
+from castor_envs.description import place_of
 from castor_envs.effects.catalogue import floor_of
 from castor_envs.effects.floor import Bump, FloorSlope
 from castor_envs.errors import InputError
@@ -42,7 +43,7 @@ def test_a_number_beyond_all_measure_is_refused_with_key_value_and_bound(way, va
     with pytest.raises(InputError, match="than or equal to") as error:
         Floor.from_dict(changed(way, value), source="mine.json")
     said = str(error.value)
-    assert said.startswith(f"mine.json: {'.'.join(map(str, way))}: Input should be ")
+    assert said.startswith(f"mine.json: {place_of(way)}: Input should be ")
     assert said.endswith(f"got {value!r}")
 
 
@@ -63,7 +64,9 @@ def test_what_is_read_is_driven_on(way, value):
 
 def test_effects_that_make_a_floor_too_steep_are_refused_in_one_line():
     robot = preset("differential").with_effects(*[FloorSlope(direction="x", value=0.5)] * 3)
-    with pytest.raises(InputError, match=r"effect floor_slope is too large for this floor: slope\.0: .* equal to 1"):
+    with pytest.raises(
+        InputError, match=r"effect floor_slope is too large for this floor: slope, number 1: .* equal to 1"
+    ):
         floor_of(robot, Floor())
 
 

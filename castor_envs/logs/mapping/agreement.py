@@ -29,6 +29,9 @@ LEAST = 0.2
 FACTOR = 5.0
 """Units differ by 10 (cm) or more; slip, wrong radii and a tracker off the middle by less than this."""
 
+PIECE = 4096
+"""Steps between poses that are computed at once: some MB."""
+
 ALIKE = 0.9
 """Correlation from which a wheel rolls with the reference, or against it."""
 
@@ -93,23 +96,26 @@ def _windows(geometry: Geometry, log: Log, rows: NDArray[np.intp]) -> tuple[Arra
     rows: those with a pose.
     """
     assert log.reference is not None
-    t, pose, driven = np.asarray(log.t)[rows], np.asarray(log.reference)[rows], ~np.isnan(geometry.counts_per_rev)
-    castor = np.tile(geometry.known_angle, (len(rows), 1))
+    t, driven = np.asarray(log.t)[rows], ~np.isnan(geometry.counts_per_rev)
     read = np.asarray(log.pivot) * (2 * np.pi / geometry.pivot_counts_per_rev[geometry.sensed])
-    castor[:, geometry.sensed] = np.unwrap(read, axis=0)[rows] - geometry.pivot_zero[geometry.sensed]
-    a, b = (part[:, : len(driven)] for part in constraint_matrix(geometry, (castor[1:] + castor[:-1]) / 2))
-    moved = np.diff(pose, axis=0)
-    moved[:, :2] = rotate(moved[:, :2], -(pose[1:, 2] + pose[:-1, 2]) / 2)
-    expected = (a @ moved[..., None])[..., 0] + b * np.diff(castor, axis=0)[:, geometry.wheel_castor]
+    turned = np.unwrap(read, axis=0)[rows] - geometry.pivot_zero[geometry.sensed]
     per_count = 2 * np.pi * geometry.radius[driven] / geometry.counts_per_rev[driven]
-    rolled = np.diff(np.asarray(log.wheel)[rows], axis=0) * per_count
-    steps = np.flatnonzero(np.diff(t) <= LONGEST)
-    _, window = np.unique(np.floor((t[steps] - t[0]) / WINDOW), return_inverse=True)
-    sums = []
-    for part in (moved, rolled, expected[:, driven]):
-        total = np.zeros((window.max(initial=-1) + 1, part.shape[1]))
-        np.add.at(total, window, part[steps])
-        sums.append(total)
+    near = np.diff(t) <= LONGEST
+    window = np.full(len(near), -1)
+    _, window[near] = np.unique(np.floor((t[:-1] - t[0]) / WINDOW)[near], return_inverse=True)
+    sums = tuple(np.zeros((window.max(initial=-1) + 1, width)) for width in (3, len(per_count), len(per_count)))
+    for first in range(0, len(near), PIECE):
+        steps, points = slice(first, first + PIECE), slice(first, first + PIECE + 1)
+        pose = np.asarray(log.reference)[rows[points]]
+        castor = np.tile(geometry.known_angle, (len(pose), 1))
+        castor[:, geometry.sensed] = turned[points]
+        a, b = (part[:, : len(driven)] for part in constraint_matrix(geometry, (castor[1:] + castor[:-1]) / 2))
+        moved = np.diff(pose, axis=0)
+        moved[:, :2] = rotate(moved[:, :2], -(pose[1:, 2] + pose[:-1, 2]) / 2)
+        rolled = np.diff(np.asarray(log.wheel)[rows[points]], axis=0) * per_count
+        expected = (a @ moved[..., None])[..., 0] + b * np.diff(castor, axis=0)[:, geometry.wheel_castor]
+        for total, part in zip(sums, (moved, rolled, expected[:, driven]), strict=True):
+            np.add.at(total, window[steps][near[steps]], part[near[steps]])
     return sums[0], sums[1], sums[2]
 
 

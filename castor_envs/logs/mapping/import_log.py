@@ -46,11 +46,17 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     the map's channels. Raises InputError for mistakes in the map and for what cannot be read.
     """
     by.check(robot, name)
-    readings = _readings(Path(source), by, name)
-    columns = LogColumns.of(robot)
-    begin = min(readings[key][0].time[0] for key in (*columns.wheel, *columns.pivot))
-    notes: list[str] = []
-    tracks = {key: _track(f"{name}: columns.{key}", by, key, readings[key], begin, notes) for key in by.columns}
+    columns, notes = LogColumns.of(robot), list[str]()
+    log, tracked = _log_of(robot, columns, by, _tracks(Path(source), columns, by, name, notes), notes)
+    if tracked is not None:
+        notes += [*_reference_notes(log, tracked), *agreement_notes(robot, log)]
+    return Imported(log, tracked, (*notes, *_robot_notes(robot, columns, log)))
+
+
+def _log_of(
+    robot: RobotDescription, columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], notes: list[str]
+) -> tuple[Log, TimedPoses | None]:
+    """Return the log of all columns' tracks, its times from 0 on, and the reference; what is left out is noted."""
     counts = _counts(robot, columns, by, tracks)
     t = _rows(counts, tracks.get("gyro_z"), notes)
     part = {key: track.at(t) for key, track in counts.items()}
@@ -67,15 +73,21 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
         fix=fix,
         fix_age=age,
     )
-    if tracked is not None:
-        tracked = TimedPoses(tracked.t - t[0], tracked.pose)
-        log = replace(log, reference=tracked.at(log.t))
-        notes += [*_reference_notes(log, tracked), *agreement_notes(robot, log)]
-    return Imported(log, tracked, (*notes, *_robot_notes(robot, columns, log)))
+    if tracked is None:
+        return log, None
+    tracked = TimedPoses(tracked.t - t[0], tracked.pose)
+    return replace(log, reference=tracked.at(log.t)), tracked
 
 
 def _stacked(columns: list[Array], t: Array) -> Array:
     return np.column_stack(columns) if columns else np.empty((len(t), 0))
+
+
+def _tracks(source: Path, columns: LogColumns, by: ChannelMap, name: str, notes: list[str]) -> dict[str, Track]:
+    """Return the readings of each column, s since the first count; those that are left out are noted."""
+    readings = _readings(source, by, name)
+    begin = min(readings[key][0].time[0] for key in (*columns.wheel, *columns.pivot))
+    return {key: _track(f"{name}: columns.{key}", by, key, readings.pop(key), begin, notes) for key in by.columns}
 
 
 def _readings(source: Path, by: ChannelMap, name: str) -> dict[str, list[Series]]:

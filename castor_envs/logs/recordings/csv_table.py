@@ -35,6 +35,8 @@ _NANOSECONDS = re.compile(r"(.*[\s_./])?n(?:ano)?secs?", re.IGNORECASE)
 PLUS = " + "
 """Between the names of the columns of seconds and of nanoseconds that are one clock."""
 
+_NAMED_UNIT = re.compile(r"[\[(](s|secs?|ms|us|µs|ns)[\])]", re.IGNORECASE)
+
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_IN_NAME: dict[TimeUnit, str] = {
@@ -94,11 +96,13 @@ class Table:
     def __init__(self, path: Path) -> None:
         self._path = path
         head = [line for _, line in itertools.islice(self._numbered(), HEAD)]
+        if not any(map(str.strip, head)):
+            raise complaint(path, None, None, "is empty; a CSV file was expected")
         self._delimiter, self._names, self._header = self._layout(head)
 
     def clock(self) -> Clock:
         """Return the first column that is called like a time, or holds dates, and its unit; of none, the only one that
-        always increases; or else one row a second.
+        always increases, or of several the only one with a unit of time in its name; or else one row a second.
 
         Of seconds beside nanoseconds, both.
         """
@@ -108,6 +112,8 @@ class Table:
         at = next(dated, None) if named is None else named
         if at is None:
             rising = [k for k in range(len(self._names)) if _rises([cells[k] for cells in rows])]
+            if len(rising) > 1:
+                rising = [k for k in rising if _NAMED_UNIT.search(self._names[k])]
             if len(rising) != 1:
                 return Clock(period=1.0)
             (at,) = rising

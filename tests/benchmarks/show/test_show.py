@@ -1,5 +1,6 @@
 """`castor-bench show`: the scores are those of a run, the page stands alone, pictures are what was asked for."""
 
+import dataclasses
 import importlib
 import re
 
@@ -57,6 +58,28 @@ def test_a_case_becomes_a_page_that_repeats_itself(castor_bench, plugin, tmp_pat
     assert ("run 1, cw" in page, "run 2, ccw" in page) == (True, True)
     assert not re.search(r"""(?:src|href)=["'](?!#)""", page)  # nothing is fetched, nothing beside it needed
     assert castor_bench("show", "--task", "arcs", "--estimator", spec)[0] == 0  # a page of this command is replaced
+
+
+def test_poses_of_a_log_are_exported_where_the_reference_is_known(castor_bench, fake_tasks, tmp_path):
+    """An estimate that starts on the reference is compared with it row by row; a log without one is refused."""
+    log, here = fake_tasks.Arcs(samples=21).record(0).runs[0].log, tmp_path / "here"
+    reference = log.reference.copy()
+    reference[[0, 5]] = np.nan
+    write_log(here / "drive.csv", dataclasses.replace(log, reference=reference), differential())
+    arguments = ("--robot", "differential", "--format", "tum", "--estimator", "wheel-odometry")
+    assert castor_bench("export", "drive.csv", *arguments, "--out", "poses") == (0, "poses: poses of drive.csv\n", "")
+    folder = here / "poses" / "drive"
+    names = ["run-01-wheel-odometry.tum", "run-01.tum"]
+    assert sorted(path.name for path in folder.iterdir()) == names
+    estimate, known = (np.loadtxt(folder / name) for name in names)
+    rows = np.searchsorted(log.t, known[:, 0])
+    assert (rows[0], rows[-1], 5 in rows) == (1, 20, False)
+    np.testing.assert_array_equal(estimate[:, 0], known[:, 0])
+    np.testing.assert_array_equal(known[:, :3], np.column_stack([log.t, log.reference[:, :2]])[rows])
+    np.testing.assert_allclose(estimate[0, 1:], known[0, 1:], atol=1e-12)
+    write_log(here / "blind.csv", dataclasses.replace(log, reference=None), differential())
+    code, _, err = castor_bench("export", "blind.csv", *arguments, "--out", "none")
+    assert (code, "blind.csv: has no reference" in err, (here / "none").exists()) == (2, True, False)
 
 
 def test_a_log_is_shown_on_its_floor_and_with_pictures(castor_bench, fake_tasks, tmp_path):

@@ -170,7 +170,7 @@ def test_bounds_are_kept_and_named(name):
     data = ROBOT.with_effects(BY_NAME[name]).to_dict()
     for value in (1e3, -1e3, math.nan, "0.1"):
         data["effects"][0]["value"] = value
-        with pytest.raises(InputError, match=rf"mine\.json: effects\.0\.{name}\.value|mine\.json: .*value") as error:
+        with pytest.raises(InputError, match=rf"mine\.json: effect 1 \({name}\), value|mine\.json: .*value") as error:
             RobotDescription.from_dict(json.loads(json.dumps(data)), source="mine.json")
         assert "\n" not in str(error.value)
         if not isinstance(value, str):
@@ -189,14 +189,17 @@ def test_an_unknown_effect_is_refused_with_the_known_names():
     [
         (
             {"name": "pivot_bais", "castor": 1, "value": 0.1},
-            r"effects\.0: unknown effect 'pivot_bais'; did you mean 'pivot_b",
+            r"effect 1: unknown effect 'pivot_bais'; did you mean 'pivot_b",
         ),
-        ({"name": "gauge_drift", "frame": 1, "value": 0.1}, r"effects\.0: unknown effect 'gauge_drift'"),
-        ({"castor": 1, "value": 0.1}, r"effects\.0: .*'name'"),
-        ({"name": ["pivot_bias"]}, r"effects\.0: .*'name'"),
-        ("pivot_bias", r"effects\.0: "),
-        ({"name": "pivot_bias", "castor": 1, "valu": 0.1}, r"effects\.0\.pivot_bias\.(value|valu): "),
-        ({"name": "pivot_bias", "castor": 1.5, "value": 0.1}, r"effects\.0\.pivot_bias\.castor: .*1\.5"),
+        ({"name": "gauge_drift", "frame": 1, "value": 0.1}, r"effect 1: unknown effect 'gauge_drift'"),
+        ({"castor": 1, "value": 0.1}, r"effect 1: .*'name'"),
+        ({"name": ["pivot_bias"]}, r"effect 1: .*'name'"),
+        ("pivot_bias", r"effect 1: "),
+        (
+            {"name": "pivot_bias", "castor": 1, "valu": 0.1},
+            r"effect 1 \(pivot_bias\), value: .* valu: is not known; did you mean 'value'",
+        ),
+        ({"name": "pivot_bias", "castor": 1.5, "value": 0.1}, r"effect 1 \(pivot_bias\), castor: .*1\.5"),
     ],
 )
 def test_a_wrong_effect_in_a_file_is_reported_by_place_and_key(given, said):

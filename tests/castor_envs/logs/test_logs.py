@@ -83,7 +83,9 @@ def test_a_log_that_was_written_is_read_back_bit_for_bit(robot_and_log):
         again = read_log(path, robot)
     for part in ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro"):
         assert same_values(getattr(again, part), getattr(log, part)), part
-    assert again.extra == log.extra
+    assert {name: list(cells) for name, cells in again.extra.items()} == {
+        name: list(cells) for name, cells in log.extra.items()
+    }
 
 
 @st.composite
@@ -231,6 +233,18 @@ def test_the_order_of_columns_and_blank_lines_do_not_matter(tmp_path):
     assert same_values(a.reference, b.reference)
 
 
+def test_columns_of_another_use_may_be_called_as_parts_of_a_log_are(tmp_path):
+    (tmp_path / "a.csv").write_text("t,wheel_1l,wheel_1r,line,wheel,reference\n0,1,2,a,b,\n1,2,3,,é,a long remark\n")
+    log = read_log(tmp_path / "a.csv", DIFFERENTIAL)
+    assert {name: list(cells) for name, cells in log.extra.items()} == {
+        "line": ["a", ""],
+        "wheel": ["b", "é"],
+        "reference": ["", "a long remark"],
+    }
+    assert log.reference is None
+    np.testing.assert_array_equal(log.wheel, [[1, 2], [2, 3]])
+
+
 def test_whole_counts_are_written_as_whole_numbers(tmp_path):
     write_log(tmp_path / "a.csv", sample_log(), DIFFERENTIAL)
     assert (tmp_path / "a.csv").read_text().splitlines()[:3] == [
@@ -246,7 +260,8 @@ MISTAKES = [
     ("\n \n", r"log.csv: is empty"),
     (HEADER, r"log.csv: a log needs at least 2 rows of numbers, not 0"),
     (f"{HEADER}\n0,0,0,0,0,0\n", r"log.csv: a log needs at least 2 rows of numbers, not 1"),
-    ("t;wheel_1l;wheel_1r\n0;0;0\n1;1;1\n", r"log.csv:1: .* separate columns by commas"),
+    ("t;wheel_1l;wheel_1r\n0;0;0\n1;1;1\n", r"log.csv:1: .* separate columns by commas; castor-bench import makes"),
+    ("ms,left,left\n0,0,0\n", r"log.csv:1: no column of a log is in .* ms, left, left; castor-bench import makes"),
     ("t,wheel_1l\n0,0\n1,1\n", r"log.csv:1: column 'wheel_1r': is missing; the header has t, wheel_1l"),
     ("t,wheel_1l,wheel1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 'wheel_1r': is missing; did you mean 'wheel1r'"),
     ("t,Wheel_1L,wheel_1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 'wheel_1l': is missing; did you mean 'Wheel_1L'"),
@@ -290,7 +305,7 @@ def test_files_that_are_no_text_or_not_there_are_named(tmp_path):
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00t")
     with pytest.raises(InputError, match=r"binary.csv: is not text in UTF-8"):
         read_log(tmp_path / "binary.csv", DIFFERENTIAL)
-    with pytest.raises(InputError, match=r": is a folder; name a CSV file in it"):
+    with pytest.raises(InputError, match=r": is a folder; name a CSV file in it \(of a ROS bag, castor-bench import"):
         read_log(tmp_path, DIFFERENTIAL)
 
 

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from castor_envs.description import place_of
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
 from castor_envs.errors import InputError
 from castor_envs.motion.kinematics import Geometry
@@ -31,10 +32,14 @@ def test_a_robot_survives_its_file(name, tmp_path):
     assert load_robot(str(tmp_path / "robot.json")) == robot
 
 
+def keys_of(path):
+    return [int(key) if key.isdigit() else key for key in path.split(".")]
+
+
 def change(path, value):
     """Return the prototype's data with the entry at a dotted path set, or deleted if value is ... (Ellipsis)."""
     data = preset("asoc-prototype").to_dict()
-    *way, last = [int(key) if key.isdigit() else key for key in path.split(".")]
+    *way, last = keys_of(path)
     part = data
     for key in way:
         part = part[key]
@@ -46,19 +51,19 @@ def change(path, value):
 
 
 IMPOSSIBLE = [
-    ("castors.1.wheels.0.radius", -0.01, ["castors.1.wheels.0.radius", "greater than or equal to 0.000001", "-0.01"]),
-    ("castors.1.wheels.0.lateral", -0.0579999, ["castors.1", "less than 1e-06 m apart"]),
-    ("castors.1.offset", 1e-300, ["castors.1.offset", "0, or greater than or equal to 1e-06", "1e-300"]),
-    ("castors.1.pivot_counts_per_rev", 2**40, ["castors.1.pivot_counts_per_rev", "less than or equal to 4294967296"]),
+    ("castors.1.wheels.0.radius", -0.01, ["castor 2, wheel 1, radius", "greater than or equal to 0.000001", "-0.01"]),
+    ("castors.1.wheels.0.lateral", -0.0579999, ["castor 2", "less than 1e-06 m apart"]),
+    ("castors.1.offset", 1e-300, ["castor 2, offset", "0, or greater than or equal to 1e-06", "1e-300"]),
+    ("castors.1.pivot_counts_per_rev", 2**40, ["castor 2, pivot_counts_per_rev", "less than or equal to 4294967296"]),
     ("sample_period", 1e10, ["sample_period", "less than or equal to 1000000000"]),
-    ("castors.1.wheels.0.radius", 0, ["castors.1.wheels.0.radius"]),
-    ("castors.1.wheels.0.radius", "0.04", ["castors.1.wheels.0.radius", "'0.04'"]),
-    ("castors.1.wheels.0.radius", ..., ["castors.1.wheels.0.radius", "required"]),
-    ("castors.0.pivot", ..., ["castors.0.pivot", "required"]),
-    ("castors.0.pivot", [0.1], ["castors.0.pivot"]),
-    ("castors.2.steering", "loose", ["castors.2.steering", "'loose'"]),
-    ("castors.2.offset", 0.0, ["castors.2", "offset"]),
-    ("castors.2.offset", -0.1, ["castors.2.offset", "-0.1"]),
+    ("castors.1.wheels.0.radius", 0, ["castor 2, wheel 1, radius"]),
+    ("castors.1.wheels.0.radius", "0.04", ["castor 2, wheel 1, radius", "'0.04'"]),
+    ("castors.1.wheels.0.radius", ..., ["castor 2, wheel 1, radius", "required"]),
+    ("castors.0.pivot", ..., ["castor 1, pivot", "required"]),
+    ("castors.0.pivot", [0.1], ["castor 1, pivot"]),
+    ("castors.2.steering", "loose", ["castor 3, steering", "'loose'"]),
+    ("castors.2.offset", 0.0, ["castor 3", "offset"]),
+    ("castors.2.offset", -0.1, ["castor 3, offset", "-0.1"]),
     ("castors", [], ["castors: needs at least 1 of them, has 0"]),
     ("sample_period", 0.0, ["sample_period"]),
     ("mass", True, ["mass"]),
@@ -67,8 +72,8 @@ IMPOSSIBLE = [
     ("contact.grip", 1.0, ["contact.grip"]),
     ("wheel_radius", 0.1, ["wheel_radius"]),
     ("format", "castor-robot/2", ["format", "castor-robot/1"]),
-    ("effects", [{"name": "ghost"}], ["effects"]),
-    ("effects", [{"name": "pivot_bias", "castor": 0, "value": 0.0}], ["effects", "castor"]),
+    ("effects", [{"name": "ghost"}], ["effect 1", "ghost"]),
+    ("effects", [{"name": "pivot_bias", "castor": 0, "value": 0.0}], ["effect 1 (pivot_bias), castor"]),
 ]
 
 
@@ -102,7 +107,7 @@ def test_no_number_of_a_robot_is_beyond_all_measure(value):
         with pytest.raises(InputError, match=r"^mine\.json: ") as error:
             RobotDescription.from_dict(change(way, value), source="mine.json")
         said = str(error.value)
-        assert f"{way}: Input should be " in said
+        assert f"{place_of(keys_of(way))}: Input should be " in said
         assert "\n" not in said
         if math.isfinite(value):
             assert said.endswith(f"got {value!r}")
@@ -132,7 +137,8 @@ def test_a_file_that_is_no_robot_is_refused_by_name(tmp_path, text):
     ("data", "said"),
     [
         ({"name": "x"}, "robot: castors: is required; add it"),
-        (preset("differential").to_dict() | {"mss": 3}, "robot: mss: is not known; remove it or mend its name"),
+        (preset("differential").to_dict() | {"mss": 3}, r"robot: mss: is not known; did you mean 'mass'\?"),
+        (preset("differential").to_dict() | {"zzz": 3}, "robot: zzz: is not known; known: castors, center_of_mass, .*"),
     ],
 )
 def test_keys_that_are_missing_or_unknown_are_named(data, said):

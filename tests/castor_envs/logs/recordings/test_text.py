@@ -94,6 +94,15 @@ def test_times_are_found_by_their_names_and_units_and_else_as_what_alone_increas
     assert (clock.time, clock.unit) == (header, unit)
 
 
+def test_of_columns_that_increase_the_one_with_a_unit_of_time_is_the_clock(tmp_path):
+    """In any language; a spreadsheet's decimal commas, and a number of the row."""
+    rows = "".join(f"{k};{20 * k},5;{-k}\n" for k in range(5))
+    clock = open_recording(written(tmp_path, f"Nr;Zeit [ms];links\n{rows}")).clock()
+    assert (clock.time, clock.unit) == ("Zeit [ms]", "ms")
+    two = "".join(f"{k};{20 * k},5;{k + 1}\n" for k in range(5))
+    assert open_recording(written(tmp_path, f"Nr;Zeit [ms];Dauer (s)\n{two}")).clock().time is None
+
+
 def test_rows_without_times_need_a_period(tmp_path):
     path = written(tmp_path, "left,right\n1,2\n3,4\n")
     assert read(path, "right", Clock(period=0.05)) == [(0.0, 2.0), (0.05, 4.0)]
@@ -112,7 +121,8 @@ def test_rows_without_times_need_a_period(tmp_path):
         ("sec,left\n0,1\n1,2\n", Clock("sec + nanosec"), ["no column 'nanosec'"]),
         ("t,left\n0,1\n", Clock("tt"), ["no column 'tt'", "did you mean 't'"]),
         ("name,place\nA,B\n", Clock("t"), ["no row of numbers"]),
-        ("", Clock("t"), ["no row of numbers"]),
+        ("", Clock("t"), ["is empty"]),
+        ("\n \n", Clock("t"), ["is empty"]),
     ],
 )
 def test_a_mistake_is_named_with_its_place(tmp_path, text, clock, words):
