@@ -71,8 +71,9 @@ def _named(
     def ask(seen: Linearised, named: Sequence[Sized], without: Collection[str]) -> Asked:
         in_model = sizes_of(named, seen)
         fitted = sizes_of([effect for effect in named if not effect.effect.binary], seen)  # binary: no size to fit
-        posterior, answers = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted, without)
-        return posterior, with_dead_gauges(answers, named, look, seen, len(posterior.names))
+        found = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted, without)
+        answers = with_dead_gauges(found.answers, named, look, seen, len(found.posterior.names))
+        return found._replace(answers=answers)
 
     return named_together(train, look, ask, first)
 

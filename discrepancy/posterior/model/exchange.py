@@ -5,6 +5,7 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.special import gammaln
 
 from discrepancy.posterior.answers import Cause, Seen
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
@@ -43,7 +44,7 @@ def exchanged(
     Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
     one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
     Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
-    their sizes are (`_log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
+    their sizes are (`log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
     first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
     distinguishes from them, or no more than by where the reference is mounted; one that is likelier by more than fits
     converge to is taken. displaced: how far the reference is mounted from where it is expected, in units of what
@@ -55,7 +56,7 @@ def exchanged(
         """The states of the model itself may not have converged either."""
         return max(best, look(named, seen, [effect.candidate for effect in named]).log_evidence)
 
-    of_named = _log_prior(named, seen)
+    of_named = log_prior(named, seen)
     added = [((*named, effect), LOG_ODDS - odds) for effect in more]
     first_sizes = {effect.candidate: effect for effect in reversed(more)}.values()
     added += [((*named[:k], effect, *named[k + 1 :]), LOG_ODDS) for k in range(len(named)) for effect in first_sizes]
@@ -78,7 +79,7 @@ def exchanged(
         if fitted.log_evidence <= best + advantage or len(refit_effects) < len(effects):
             continue
         if len(effects) == len(named):
-            advantage += max(of_named - _log_prior(refit_effects, fitted), 0.0)
+            advantage += max(of_named - log_prior(refit_effects, fitted), 0.0)
         if found is None:
             best = fitted_again()
         if fitted.log_evidence > best + advantage:
@@ -86,19 +87,22 @@ def exchanged(
     return found
 
 
-def _log_prior(effects: Sequence[Sized], seen: Seen) -> float:
-    """Return the prior log probability (natural logarithm, up to a constant for each effect) that effects have these
-    sizes, to within their standard errors: faults are Cauchy distributed (`priors`)."""
+def log_prior(effects: Sequence[Sized], seen: Seen) -> float:
+    """Return the prior log probability (natural logarithm) that effects have these sizes, to within their standard
+    errors: faults are Cauchy distributed (`priors`), those of c amplitudes as a c-variate Cauchy distribution."""
     present = [effect for effect in effects if effect.candidate in seen.candidates]
     if not present:
         return 0.0
-    variances = np.diag(np.linalg.pinv(statistics_of(present, seen).information, rcond=1e-9, hermitian=True))
-    ends, log_prior = np.cumsum([effect.candidate.columns for effect in present])[:-1], 0.0
-    for effect, variance in zip(present, np.split(variances, ends), strict=True):
+    scales = [FAULT * effect.candidate.kinds[0].tolerance for effect in present]
+    counts = [effect.candidate.columns for effect in present]
+    information = statistics_of(present, seen).information + np.diag(np.repeat(scales, counts) ** -2.0)
+    variances, total = np.diag(np.linalg.inv(information)), 0.0
+    each = np.split(variances, np.cumsum(counts)[:-1])
+    for effect, scale, count, variance in zip(present, scales, counts, each, strict=True):
         if not effect.candidate.kinds[0].binary:
-            scale = FAULT * effect.candidate.kinds[0].tolerance
-            log_prior += float(np.mean(np.log(variance))) / 2 - np.log(scale) - np.log1p((effect.size / scale) ** 2)
-    return log_prior
+            total += float(gammaln((1 + count) / 2) - gammaln(1 / 2) + count / 2 * np.log(2))
+            total += float(np.sum(np.log(variance / scale**2)) - (1 + count) * np.log1p((effect.size / scale) ** 2)) / 2
+    return total
 
 
 def _alternatives(

@@ -3,15 +3,16 @@ names stay the same."""
 
 import itertools
 from collections.abc import Callable, Collection, Iterator, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.special import expit
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, answers_of
 from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
-from discrepancy.posterior.model.exchange import exchanged
+from discrepancy.posterior.model.exchange import exchanged, log_prior
 from discrepancy.posterior.model.refit import (
     Look,
     S,
@@ -20,9 +21,10 @@ from discrepancy.posterior.model.refit import (
     in_place_of,
     possible,
     refitted,
+    sizes_of,
     statistics_of,
 )
-from discrepancy.posterior.random_effects import GoodOrder, agreeing
+from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing, summed
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 
 LOOKS = 6
@@ -36,8 +38,13 @@ SECOND = 0.2
 """Least part of the deviance explained by the largest new effect that another new effect must explain to enter the
 model in the same round; if the set of effects is then one tried before, all new effects enter."""
 
-Asked = tuple[Posterior, list[Answer]]
-"""A posterior over all hypotheses, and the answers that it gives."""
+
+class Asked(NamedTuple):
+    """A posterior over all hypotheses, the answers that it gives, and what robots in good order show."""
+
+    posterior: Posterior
+    answers: list[Answer]
+    order: GoodOrder
 
 
 def named_together(
@@ -60,8 +67,16 @@ def named_together(
     tried = [families_of(named)]
     while True:
         in_model = families_of(named)
-        posterior, answers = ask(seen, named, {new for old, new in refused if old in {*in_model, ""}})
+        posterior, answers, order = ask(seen, named, {new for old, new in refused if old in {*in_model, ""}})
         odds = prior_log_odds(len(posterior.names))
+        if families_of(_taken_in(vehicle, answers, named, 0.0)) < in_model:
+            needless, by_fits = _by_fits(vehicle, look, named, answers, seen, order, odds)
+            if needless is not None:
+                refused |= {("", family) for family in in_model - families_of(needless)}
+                named = needless
+                seen = look(named, seen, None)
+                continue
+            answers = [*answers, *by_fits]
         for least in (SECOND, 0.0):
             new = _taken_in(vehicle, answers, named, least)
             families = families_of(new)
@@ -93,8 +108,67 @@ def named_together(
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
                 return named, seen, posterior, answers
             tried.append(families_of(better[0]))
+            if families_of(better[0]) < in_model:
+                refused |= {("", needless) for needless in in_model - families_of(better[0])}
         named, seen = better
         seen = look(named, seen, None)
+
+
+def _by_fits(
+    vehicle: Any,
+    look: Look[S],
+    named: Sequence[Sized],
+    answers: Sequence[Answer],
+    seen: S,
+    order: GoodOrder,
+    odds: float,
+) -> tuple[tuple[Sized, ...] | None, list[Answer]]:
+    """Return the answers on effects in the model that the posterior does not name, as fits without each tell: of what
+    wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return the
+    effects without it instead.
+
+    What robots in good order show makes up the same part of the gain as it does by the linear formula.
+    """
+    told, least, needless = list[Answer](), 0.0, None
+    for effect in named:
+        if any(answer.candidate == effect.candidate for answer in answers):
+            continue
+        left = tuple(other for other in named if other is not effect)
+        others, without = refitted(vehicle, look, named, left, seen, np.inf)
+        gain = max(seen.log_evidence - without.log_evidence, 0.0)
+        in_model, remaining = sizes_of(named, seen), sizes_of(left, seen)
+        logs = [log.at(-in_model) for log in seen.logs]
+        explained, beyond = (_gained(of, in_model, remaining) for of in (summed(logs), order.beyond(logs)))
+        part = float(np.clip(beyond / max(explained, 1e-12), 0.0, 1.0))
+        log_odds = part * gain + log_prior([effect], seen) + odds
+        if log_odds <= least:
+            least, needless = log_odds, others
+        told.append(_answer_by_fit(effect, float(log_odds), gain, seen))
+    return needless, told
+
+
+def _gained(statistics: Statistics, size: Array, remaining: Array) -> float:
+    """Return how much log-likelihood sizes gain over the remaining ones."""
+    (first, second) = (float(statistics.score @ b - b @ statistics.information @ b / 2) for b in (size, remaining))
+    return first - second
+
+
+def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> Answer:
+    """Return the answer on an effect in the model with log odds and a gain of log-likelihood by fits."""
+    columns = seen.columns[seen.candidates.index(effect.candidate)]
+    information = statistics_of([effect], seen).information
+    return Answer(
+        probabilities={effect.candidate.family: float(expit(log_odds)), "nothing": float(expit(-log_odds))},
+        absent=float(expit(-log_odds)),
+        credible=(effect.candidate.family,),
+        unnamed=False,
+        candidate=effect.candidate,
+        amplitudes=effect.amplitudes,
+        covariance=np.linalg.pinv(information, rcond=1e-9, hermitian=True).astype(np.float64),
+        cost=np.max(seen.cost[:, columns], axis=1),
+        hidden=seen.masked,
+        explained=2 * gain,
+    )
 
 
 def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[tuple[Sized, ...]]:
@@ -193,7 +267,7 @@ def asked(
         single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
     expected = sum((component.mean for component in posterior.components if component.nothing < 0.5), 0 * in_model)
     single, posterior, score = _posterior(hypotheses, order, seen, in_model, expected - fitted, fitted)
-    return posterior, answers_of(seen, single, posterior, score, places, in_model)
+    return Asked(posterior, answers_of(seen, single, posterior, score, places, in_model), order)
 
 
 def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_model: Array) -> list[Cause]:

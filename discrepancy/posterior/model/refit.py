@@ -23,8 +23,9 @@ REFITS, CONVERGED, HALVINGS = 6, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
 
-STRETCH = 1.1
-"""Factor by which sizes are tried that Newton's method may have left too small."""
+STRETCHES = (1.1, 1 / 1.1, 2.0)
+"""Factors by which sizes are tried that Newton's method may have left too small: finely, as noise and size change
+together, and coarsely, as log evidence is uneven where a fit is far off."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,8 +173,9 @@ def _newton(
 def _stretched(
     vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, gain: float
 ) -> tuple[tuple[Sized, ...], S]:
-    """Return effects of sizes multiplied or divided by `STRETCH` as often as that makes the logs likelier, by more than
-    by a likelihood ratio of 19: what is less Newton's method finds, or logs do not tell.
+    """Return effects of sizes multiplied by one of `STRETCHES` as often as that makes the logs likelier, by more than
+    by a likelihood ratio of 19: what is less Newton's method finds, or logs do not tell. Each time it does, the next
+    factor is the square of the last.
 
     Where encoders cannot contradict each other, what a size leaves unexplained passes for noise, beside which Newton's
     method takes it for right: noise and size would have to change together. So it is with effects so large that the
@@ -182,15 +184,18 @@ def _stretched(
     for k, effect in enumerate(current):
         if seen.redundant and not _is_large(effect, seen) and 2 * gain * SIGNATURE**2 < 1:
             continue
-        for factor in (STRETCH, 1 / STRETCH):
-            stretches = 0
-            while stretches < REFITS and not effect.candidate.kinds[0].binary:
+        for first in STRETCHES:
+            before, factor = current[k], first
+            for _ in range(2 * REFITS if not effect.candidate.kinds[0].binary else 0):
                 longer = (*current[:k], current[k].moved((factor - 1) * current[k].amplitudes), *current[k + 1 :])
                 found = fit_with(vehicle, look, longer, seen)
-                if found is None or found.log_evidence <= seen.log_evidence + LOG_ODDS:
+                if found is not None and found.log_evidence > seen.log_evidence + LOG_ODDS:
+                    current, seen, factor = longer, found, factor**2
+                elif current[k] is before or factor == first:
                     break
-                current, seen, stretches = longer, found, stretches + 1
-            if stretches:
+                else:
+                    factor = first
+            if current[k] is not before:
                 break
     return current, seen
 

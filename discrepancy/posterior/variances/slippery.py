@@ -2,9 +2,10 @@
 
 Sliding depends on forces that no encoder measures, and has either sign, so a patch is not a column of the linear
 problem. A scan for two variances proposes rectangles (`hypotheses.patches`), and replays of the logs in simulation give
-the likelihood of each. A replay is lost as a whole, as when a castor that is pushed swings round otherwise than the
-robot's: its errors of wheels, pivots and place have a multivariate t distribution (Lange, Little and Taylor, JASA
-84(408), 1989), whose scales and degrees of freedom the replays without a patch show.
+the likelihood of each, against friction that is lower on all of the floor: where wheels fight, replays are wrong
+everywhere. A replay is lost as a whole, as when a castor that is pushed swings round otherwise than the robot's: its
+errors of wheels, pivots and place have a multivariate t distribution (Lange, Little and Taylor, JASA 84(408), 1989),
+whose scales and degrees of freedom the replays without a patch show.
 """
 
 from collections.abc import Callable, Sequence
@@ -83,17 +84,25 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
     if patch is None or most <= 0:
         return None
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
-    prior = float(np.prod(np.ptp(way, axis=0))), prior_log_odds(names)
-    if _judged(replays.gain, patch, *prior).log_odds < LOG_ODDS:
+    area, odds = float(np.prod(np.ptp(way, axis=0))), prior_log_odds(names)
+    if _judged(replays.gain, patch, area, odds).log_odds < LOG_ODDS:
         return None
+    everywhere = np.logaddexp.reduce(_log_factors(replays.gain, replays.whole_floor)) - np.log(len(SLIPPERY))
+    odds -= max(float(everywhere), 0.0)
     patch, _ = max((_refined(replays.gain, *proposed) for proposed in tried), key=lambda found: found[1])
-    return _judged(replays.gain, patch, *prior)
+    found = _judged(replays.gain, patch, area, odds)
+    return found if found.log_odds >= LOG_ODDS else None
+
+
+def _log_factors(gain: Gain, patch: FrictionPatch) -> Array:
+    """Return the log-likelihood ratio of replays with each part of friction missing on a rectangle."""
+    return np.array([gain(patch, value) for value in SLIPPERY])
 
 
 def _judged(gain: Gain, patch: FrictionPatch, area: float, anywhere: float) -> Slippery:
     """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; anywhere: prior log
     odds (natural logarithm) of a patch anywhere on it."""
-    log_factors = np.array([gain(patch, value) for value in SLIPPERY])
+    log_factors = _log_factors(gain, patch)
     elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
     log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere + anywhere
     weight = np.exp(log_factors - log_factors.max())
@@ -191,6 +200,13 @@ class _Replays:
             anew = there[np.minimum(last, len(there) - 1)] > there[first]
             replays.append(replay(robot, log, WINDOW, clock=clock, mount=self._mount, like=plain, anew=anew))
         return self._spread.likelier(self._errors_of(replays), self._errors)
+
+    @property
+    def whole_floor(self) -> FrictionPatch:
+        """A rectangle on which all contacts are at all times."""
+        places = np.concatenate([contacts.places().reshape(-1, 2) for contacts in self._contacts])
+        (x, y), side = (places.min(axis=0) + places.max(axis=0)) / 2, 2 * float(np.hypot(*np.ptp(places, axis=0)))
+        return FrictionPatch(x=float(x), y=float(y), length=side, width=side, value=TRIED)
 
     def _errors_of(self, replays: Sequence[Replay]) -> Array:
         """Return the errors (3, N) at the ends of windows: wheels, m; pivots, rad; place, m. NaN where there is no

@@ -10,17 +10,19 @@ from discrepancy.posterior.random_effects import Statistics
 
 @pytest.fixture
 def statistics_of():
-    """A function that returns the statistics of candidates of one amplitude, at their most likely sizes."""
+    """A function that returns the statistics of candidates at their most likely sizes."""
 
     def of(candidates, information, log_evidence):
-        count = len(candidates)
+        ends = np.cumsum([candidate.columns for candidate in candidates], dtype=np.intp)
+        count = int(ends[-1]) if len(ends) else 0
         return SimpleNamespace(
             candidates=tuple(candidates),
-            columns=tuple(np.arange(k, k + 1) for k in range(count)),
+            columns=tuple(np.split(np.arange(count), ends[:-1])) if count else (),
             logs=(Statistics(information, np.zeros(count)),),
             usual=np.full(count, np.nan),
             redundant=True,
             masked=1.0,
+            cost=np.ones((2, count)),
             log_evidence=log_evidence,
         )
 

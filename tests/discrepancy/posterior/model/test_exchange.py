@@ -4,13 +4,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import quad
+from scipy.stats import chi2
 
 from castor_envs.effects.dimensions import PivotPositionX
-from castor_envs.effects.encoders import PivotGain
+from castor_envs.effects.encoders import PivotEccentricity, PivotGain
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
-from discrepancy.posterior.calibrated import LOG_ODDS
-from discrepancy.posterior.model.exchange import exchanged
+from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
+from discrepancy.posterior.model.exchange import exchanged, log_prior
 from discrepancy.posterior.model.refit import CONVERGED, Sized
 
 ROBOT = preset("tricycle")
@@ -85,3 +87,22 @@ def test_an_effect_beside_which_the_reference_is_where_it_should_be_may_be_less_
     named, seen = (Sized(PLACE, np.array([0.1])),), look(())
     found: Any = exchanged(ROBOT, look, named, (), seen, same={PLACE: [GAIN]}, displaced=displaced)
     assert (found and found[0][0].candidate) == taken
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+@pytest.mark.parametrize("size", [0.0, 0.3, 30.0])
+def test_the_prior_of_a_size_to_within_its_errors_is_that_of_a_cauchy_distribution(columns, size, statistics_of):
+    """A narrow normal likelihood times the prior, integrated, is the maximum of the former times what is computed."""
+    cause = Candidate("one", (PivotEccentricity(castor=1, value=1e-3),), columns=columns)
+    scale, error = FAULT * PivotEccentricity.tolerance, 1e-3 * FAULT * PivotEccentricity.tolerance
+    seen = statistics_of([cause], np.eye(columns) / error**2, 0.0)
+    amplitudes = size * scale * np.eye(columns)[0]
+
+    def normal(precision: float) -> float:
+        """The density of normal sizes, of which a Cauchy distribution is a mixture."""
+        spread = precision / (2 * np.pi * scale**2)
+        return float(spread ** (columns / 2) * np.exp(-precision * size**2 / 2) * chi2.pdf(precision, 1))
+
+    density = sum(quad(normal, *ends)[0] for ends in ((0.0, 0.01), (0.01, 1.0), (1.0, np.inf)))
+    expected = density * (2 * np.pi * error**2) ** (columns / 2)
+    assert log_prior([Sized(cause, amplitudes)], seen) == pytest.approx(np.log(expected), abs=1e-3)

@@ -11,8 +11,9 @@ from castor_envs.effects.encoders import PivotGain
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
-from discrepancy.posterior.model.named_together import named_together
+from discrepancy.posterior.model.named_together import Asked, named_together
 from discrepancy.posterior.model.refit import families_of
+from discrepancy.posterior.random_effects import GoodOrder
 
 ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
 PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
@@ -39,9 +40,14 @@ def in_model(posterior, likelier, statistics_of):
         beside = posterior[families_of(named)]
         left = ([candidate for candidate in names if candidate.family not in without] for names in beside)
         answers = [answer(names[0], *(candidate.family for candidate in names)) for names in left if names]
-        return SimpleNamespace(names=NAMES), answers
+        none = np.zeros((len(seen.candidates), len(seen.candidates)))
+        return Asked(posterior_of(NAMES), answers, GoodOrder(np.diag(none), none, none))
 
-    named, *_ = named_together(ROBOT, look, ask, look(()))
+    def posterior_of(names) -> Any:
+        return SimpleNamespace(names=names)
+
+    named, *_, answers = named_together(ROBOT, look, ask, look(()))
+    assert families_of(named) == {answer.candidate.family for answer in answers}
     return families_of(named)
 
 
@@ -61,3 +67,15 @@ def test_an_effect_comes_into_the_model_unless_fits_exclude_it(likelier, statist
     with_both = 50.0 - LOG_ODDS - prior_log_odds(len(NAMES)) + likelier
     found = in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 0.0, BOTH: with_both}, statistics_of)
     assert found == (BOTH if likelier > 0 else OF_PLACE)
+
+
+@pytest.mark.parametrize(("gain", "stays"), [(40.0, OF_PLACE), (2.0, NONE)])
+def test_an_effect_that_the_posterior_loses_stays_if_fits_without_it_exclude_that(gain, stays, statistics_of):
+    posterior = {NONE: [[PLACE]], OF_PLACE: []}
+    assert in_model(posterior, {NONE: 0.0, OF_PLACE: gain}, statistics_of) == stays
+
+
+def test_of_two_effects_that_the_posterior_loses_the_needless_one_is_refused(statistics_of):
+    posterior = {NONE: [[PLACE]], OF_PLACE: [[PLACE], [GAIN]], BOTH: []}
+    likelier = {NONE: 0.0, OF_PLACE: 40.0, OF_GAIN: 35.0, BOTH: 42.0}
+    assert in_model(posterior, likelier, statistics_of) == OF_PLACE

@@ -27,3 +27,16 @@ def test_a_size_of_which_the_formula_may_be_wrong_by_more_than_noise_is_found_by
     before = (Sized(GAIN, np.array([0.13])),)
     (found,), _ = refitted(ROBOT, look, before, before, look(before))
     assert found.size == pytest.approx(reached, rel=0.05)
+
+
+def test_a_size_that_is_far_too_small_is_found_though_log_evidence_is_uneven_there(statistics_of):
+    """As of a backlash, where fits of a wrong size end in one of many states: up to the size there are dips."""
+
+    def look(effects, *_) -> Any:
+        size = sum(float(effect.size) for effect in effects)
+        off = np.log(max(size, 1e-9) / 0.5)
+        return statistics_of([GAIN], np.array([[1e8]]), -1e3 * abs(off) + 400 * np.cos(2 * np.pi * off / np.log(2)))
+
+    before = (Sized(GAIN, np.array([0.5 / 8])),)
+    (found,), _ = refitted(ROBOT, look, before, before, look(before))
+    assert found.size == pytest.approx(0.5, rel=0.05)

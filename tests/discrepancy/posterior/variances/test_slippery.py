@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from castor_envs.effects.dimensions import CountsPerRev, WheelRadius
 from castor_envs.effects.floor import FrictionPatch
 from castor_envs.geometry.steps import Motion
 from castor_envs.motion.rolling import roll
@@ -19,6 +20,7 @@ from discrepancy.posterior.variances.events import Events
 from discrepancy.posterior.variances.slippery import _Spread, confirmed_by, inside, slippery_in
 from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
+from discrepancy.trials.reading import EXACT, as_recorded
 
 pytestmark = pytest.mark.slow
 
@@ -119,6 +121,18 @@ def test_castors_that_swing_round_as_the_base_drives_to_and_fro_are_no_patch():
     """Which way they swing depends on less than a count, so that replays are lost there by chance."""
     log = drive(ROBOT, motion(ROBOT, "to and fro", 71, 60.0), 71, duration=60.0)
     assert slippery_in(ROBOT, [log], linearise(ROBOT, [log], among=()), 1) is None
+
+
+def test_where_wheels_fight_a_floor_that_seems_less_rough_everywhere_is_no_patch():
+    """A wheel whose encoder gives 2.5 % fewer counts is taken for one that is larger, as logs show no difference; replays
+    do. They are likelier with less friction where the robot mostly is, and likelier still with less everywhere."""
+    robot = preset("3-castor")
+    real = robot.with_effects(CountsPerRev(castor=3, wheel=1, value=-0.02486))
+    seed = 2 * (10_000 * 71001 + 35)
+    exact = drive(real, motion(robot, "wander", seed, 40.0), seed, duration=40.0, rounded=False, noise=EXACT)
+    log = as_recorded(real, exact, np.random.default_rng([seed, 4]))
+    found = robot.with_effects(WheelRadius(castor=3, wheel=1, value=0.02549))
+    assert slippery_in(found, [log], linearise(found, [log], among=()), 60) is None
 
 
 def test_steps_of_wheels_on_a_patch_and_of_their_castors_are_released():
