@@ -59,6 +59,24 @@ def test_a_policy_trains_and_is_scored(made, tmp_path, monkeypatch, capsys, envi
     assert 0 < float(capsys.readouterr().out) < 1
 
 
+def test_many_at_once_train_the_same_policy():
+    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra 'rl')")
+    code = re.sub(r"learn\(.*\)", "learn(512)", block("= PPO(")).replace("n_steps=1024", "n_steps=64")
+    code = code.replace("model.save", "str")
+    line = re.findall(r"^env = .*\n", code, flags=re.M)
+    assert len(line) == 1
+    learned = []
+    for script in (code, code.replace(line[0], block("num_envs=4"))):
+        exec(script, names := {})
+        learned.append(names["model"].policy.state_dict())
+    assert all(bool((learned[0][name] == learned[1][name]).all()) for name in learned[0])
+
+
+def test_many_at_once_are_trained_on():
+    pytest.importorskip("stable_baselines3", reason="stable-baselines3 is not installed (extra 'rl')")
+    exec(block("GymnasiumVecEnv(envs)").replace("learn(4096)", "learn(128)").replace("n_steps=64", "n_steps=4"), {})
+
+
 @pytest.mark.filterwarnings("ignore::UserWarning:minari", "ignore::ResourceWarning")
 def test_a_data_set_is_recorded(tmp_path, monkeypatch, capsys):
     pytest.importorskip("minari", reason="Minari is not installed (extra 'minari')")

@@ -39,9 +39,9 @@ def speed(
         figures = list(group.figures(effort))
         groups.append({"title": group.title, "figures": [figure._asdict() for figure in figures]})
         if figures and not as_json_text:
-            table = Table(group.title, "CPU time", box=None)
+            table = Table(group.title, "CPU time, rate or ratio", box=None)
             for figure in figures:
-                table.add_row(figure.name, f"{figure.value:.3g} {figure.unit}")
+                table.add_row(figure.name, figure.text)
             shown.print(table)
     if as_json_text:
         print(json.dumps({"format": FORMAT, **_measured_on(), "groups": groups}, indent=2))

@@ -22,11 +22,17 @@ Work = Callable[[], object]
 
 
 class Figure(NamedTuple):
-    """A measured number; name: what of, unit: "us", "ms", "s", or "x" for a ratio as the name says, A / B."""
+    """A measured number; name: what of, unit: "us", "ms", "s", "steps/s" or "x" for a ratio as the name says, A / B."""
 
     name: str
     value: float
     unit: str
+
+    @property
+    def text(self) -> str:
+        """The number in three digits with its unit, as in "12.3 us" or "7,760 steps/s"."""
+        rounded = f"{self.value:.3g}"
+        return f"{rounded if self.value < 999.5 else f'{float(rounded):,.0f}'} {self.unit}"
 
 
 @dataclass(frozen=True)

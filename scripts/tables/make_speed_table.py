@@ -7,6 +7,8 @@ import json
 from pathlib import Path
 from typing import Any
 
+from benchmarks.speed.figures import Figure
+
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE, CLUSTERS, FIGURES = DOCS / "speed.md", DOCS / "clusters.md", DOCS / "speed.json"
 START, END = "<!-- table: made by scripts/tables/make_speed_table.py -->\n", "<!-- end of table -->\n"
@@ -15,10 +17,10 @@ BEGUN, ENDED = "<!-- figures: made by scripts/tables/make_speed_table.py -->\n",
 
 def with_table(page: str, stored: dict[str, Any]) -> str:
     """Return the page with the table of stored figures between its marks."""
-    lines = ["| figure | CPU time, or ratio |", "|---|---|"]
+    lines = ["| figure | CPU time, rate or ratio |", "|---|---|"]
     for group in filter(lambda group: group["figures"], stored["groups"]):
         lines.append(f"| **{group['title']}** | |")
-        lines += [f"| {figure['name']} | {figure['value']:.3g} {figure['unit']} |" for figure in group["figures"]]
+        lines += [f"| {figure['name']} | {Figure(**figure).text} |" for figure in group["figures"]]
     before, rest = page.split(START)
     return before + START + "\n".join(lines) + "\n" + END + rest.split(END)[1]
 

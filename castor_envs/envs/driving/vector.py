@@ -165,7 +165,8 @@ class TrackingVectorEnv(SyncVectorEnv):
         self._changed[lane] = False
 
     def _load_all(self) -> None:
-        for lane in range(self.num_envs):
+        """Take the states of all members, once they have any."""
+        for lane in range(self.num_envs) if self._unscaled else ():
             self._load(lane)
 
     def _give_back(self) -> None:

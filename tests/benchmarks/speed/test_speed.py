@@ -1,5 +1,6 @@
 """The table of speed: its shape, how variants take turns, and that the page shows the stored figures."""
 
+import importlib.util
 import json
 import pickle
 from concurrent.futures import Future
@@ -10,9 +11,9 @@ import pytest
 
 from benchmarks import cli
 from benchmarks.run.clusters import Cluster, contained
-from benchmarks.speed import clusters, diagnosis, first_second, steps, substeps, updates, vectors
+from benchmarks.speed import clusters, diagnosis, first_second, steps, substeps, training, updates, vectors
 from benchmarks.speed import figures as measuring
-from benchmarks.speed.figures import Effort, by_turns, process_cpu, ratio
+from benchmarks.speed.figures import Effort, Figure, by_turns, process_cpu, ratio
 from castor_envs.cli import command_line
 from castor_envs.processes import Done
 
@@ -34,6 +35,11 @@ def test_variants_take_turns_and_the_first_rounds_do_not_count(monkeypatch):
     assert "".join(order) == "-ba-ab-ba-ab"
     assert times == {"a": [3.0, 3.0], "b": [2.0, 2.0]}
     assert ratio(times, "a", "b") == 1.5
+
+
+def test_figures_have_three_digits():
+    numbers = {0.21876: "0.219 x", 12.34: "12.3 x", 999.4: "999 x", 999.6: "1,000 x", 7759.4: "7,760 x"}
+    assert {value: Figure("", value, "x").text for value in numbers} == numbers
 
 
 def test_processes_that_fail_are_named():
@@ -65,6 +71,9 @@ def test_the_table_has_every_group(monkeypatch, capsys):
     monkeypatch.setattr(vectors, "SIZES", (2, 3))
     monkeypatch.setattr(vectors, "LONG", 5)
     monkeypatch.setattr(updates, "ROBOTS", 3)
+    monkeypatch.setattr(training, "MEMBERS", 2)
+    monkeypatch.setattr(training, "STEPS", 16)
+    monkeypatch.setitem(training.PPO, "batch_size", 8)
     monkeypatch.setattr(substeps, "VEHICLES", ("differential", "cfmmr-3"))
     monkeypatch.setattr(clusters, "WAYS", (None, "loky"))
     monkeypatch.setattr(clusters, "connect", lambda way, address, processes: here(1))
@@ -80,13 +89,15 @@ def test_the_table_has_every_group(monkeypatch, capsys):
         "The first second",
         "Steps",
         "Substeps",
+        "Training",
         "Updates of estimators",
         "Vectors of environments",
     ]
     assert groups["Diagnosis"] == []
+    assert (groups["Training"] == []) == (importlib.util.find_spec("stable_baselines3") is None)
     for figure in chain.from_iterable(groups.values()):
         assert figure["value"] > 0, figure
-        assert figure["unit"] in ("ns", "us", "ms", "s", "x"), figure
+        assert figure["unit"] in ("ns", "us", "ms", "s", "x", "steps/s"), figure
     names = {figure["name"] for figure in groups["Steps"]}
     assert {"step of differential", "step of differential / 50 bare steps", "reset of differential"} <= names
 

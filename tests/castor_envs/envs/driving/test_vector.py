@@ -111,6 +111,7 @@ def test_a_gyro_draws_its_noise_from_its_members_seed():
 
 def test_members_are_found_as_they_are_and_moved_on_from_there():
     vector, loop = both(ROBOT, [{"robot": "asoc-prototype"}] * 3)
+    assert vector.get_attr("control") == loop.get_attr("control")  # before the first episode
     for env in (vector, loop):
         env.reset(seed=2)
         for _ in range(3):
