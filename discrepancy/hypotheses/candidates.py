@@ -13,7 +13,6 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue, gyro_gain_of
-from castor_envs.effects.encoders import PivotEccentricity
 from castor_envs.effects.floor import Bump
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
@@ -27,8 +26,7 @@ from estimators.likelihood.channels import Channels
 from estimators.likelihood.sparse_columns import SparseColumns
 
 SWEPT = np.pi
-"""rad that a castor must sweep so that errors periodic in its angle can be distinguished from a bias and a gain of its
-encoder. What is in the model stays a candidate: with it, the castor may seem to sweep a little less."""
+"""rad that a castor must sweep for unnamed alternatives that are periodic in its angle."""
 
 BLOCKS = 4
 """Parts of equal length into which a log is cut for intermittent unnamed alternatives."""
@@ -187,7 +185,6 @@ def signatures_of(
     read: list[tuple[Candidate, SparseColumns, SparseColumns]] = []
     unread: list[Candidate] = []  # by encoders: rates of clocks, and scales of gyros
     motion = channels.motion(log, state, consistent_wheels=True)
-    swept = np.ptp(motion.castor_angle, axis=0)
     slip_rows = motion.wheel_angle.shape[1] + motion.castor_angle.shape[1]
 
     def misreading(candidate: Candidate, excess: Array) -> tuple[Candidate, SparseColumns, SparseColumns]:
@@ -197,9 +194,7 @@ def signatures_of(
         return candidate, SparseColumns((*counts.shape, candidate.columns)), slips
 
     for candidate in [*candidates_of(robot), *places] if among is None else among:
-        kind, in_robot = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
-        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not in_robot:
-            continue
+        kind = candidate.kinds[0]
         if rate_of(candidate.kinds) or gyro_scale_of(candidate.kinds):
             measured = log.reference if rate_of(candidate.kinds) else log.gyro
             unread += [candidate] if measured is not None else []

@@ -61,19 +61,24 @@ def named_together(
     first: statistics of the logs with the effects `begin` in the model; displaced: see `exchanged`. ask: returns the
     posterior without hypotheses of some families. The posterior compares effects by signatures, which are wrong of
     large ones, so that an effect which takes the place of another, or may do so, is refused if fits with both in turn
-    are at odds with that.
+    are at odds with that. An answer on an effect that fits have shown to be needless beside others is none.
     """
     seen, named, refused, compared = first, tuple(begin), set[tuple[str, str]](), frozenset[str]()
-    tried = [families_of(named)]
+    tried, needless = [families_of(named)], set[tuple[frozenset[str], str]]()
     while True:
         in_model = families_of(named)
         posterior, answers, order = ask(seen, named, {new for old, new in refused if old in {*in_model, ""}})
         odds = prior_log_odds(len(posterior.names))
+        answers = [
+            answer
+            for answer in answers
+            if not any(answer.candidate.family == family and kept <= in_model for kept, family in needless)
+        ]
         if families_of(_taken_in(vehicle, answers, named, 0.0)) < in_model:
-            needless, by_fits = _by_fits(vehicle, look, named, answers, seen, order, odds)
-            if needless is not None:
-                refused |= {("", family) for family in in_model - families_of(needless)}
-                named = needless
+            kept, by_fits = _by_fits(vehicle, look, named, answers, seen, order, odds)
+            if kept is not None:
+                needless |= {(families_of(kept), family) for family in in_model - families_of(kept)}
+                named = kept
                 seen = look(named, seen, None)
                 continue
             answers = [*answers, *by_fits]
@@ -109,7 +114,7 @@ def named_together(
                 return named, seen, posterior, answers
             tried.append(families_of(better[0]))
             if families_of(better[0]) < in_model:
-                refused |= {("", needless) for needless in in_model - families_of(better[0])}
+                needless |= {(families_of(better[0]), family) for family in in_model - families_of(better[0])}
         named, seen = better
         seen = look(named, seen, None)
 
@@ -123,15 +128,16 @@ def _by_fits(
     order: GoodOrder,
     odds: float,
 ) -> tuple[tuple[Sized, ...] | None, list[Answer]]:
-    """Return the answers on effects in the model that the posterior does not name, as fits without each tell: of what
-    wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return the
-    effects without it instead.
+    """Return the answers on effects in the model that the posterior does not hold possible, as fits without each tell:
+    of what wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return
+    the effects without it instead.
 
     What robots in good order show makes up the same part of the gain as it does by the linear formula.
     """
-    told, least, needless = list[Answer](), 0.0, None
+    told, least, kept = list[Answer](), 0.0, None
+    possible_names = {name for answer in answers for name in (*answer.credible, *answer.alike)}
     for effect in named:
-        if any(answer.candidate == effect.candidate for answer in answers):
+        if effect.candidate.family in possible_names or effect.candidate in {answer.candidate for answer in answers}:
             continue
         left = tuple(other for other in named if other is not effect)
         others, without = refitted(vehicle, look, named, left, seen, np.inf)
@@ -142,9 +148,9 @@ def _by_fits(
         part = float(np.clip(beyond / max(explained, 1e-12), 0.0, 1.0))
         log_odds = part * gain + log_prior([effect], seen) + odds
         if log_odds <= least:
-            least, needless = log_odds, others
+            least, kept = log_odds, others
         told.append(_answer_by_fit(effect, float(log_odds), gain, seen))
-    return needless, told
+    return kept, told
 
 
 def _gained(statistics: Statistics, size: Array, remaining: Array) -> float:
@@ -178,7 +184,7 @@ def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) ->
         if named[k].candidate == answer.candidate:
             for name in answer.credible:
                 if name in causes and name not in families_of(named):
-                    yield (*named[:k], in_place_of(named[k], causes[name], seen), *named[k + 1 :])
+                    yield (*named[:k], in_place_of([named[k]], causes[name], seen), *named[k + 1 :])
 
 
 def _same(answers: Sequence[Answer], seen: Seen) -> dict[Cause, list[Cause]]:
