@@ -140,7 +140,7 @@ def _by_fits(
         if effect.candidate.family in possible_names or effect.candidate in {answer.candidate for answer in answers}:
             continue
         left = tuple(other for other in named if other is not effect)
-        others, without = refitted(vehicle, look, named, left, seen, np.inf)
+        others, without = refitted(vehicle, look, named, left, seen)
         gain = max(seen.log_evidence - without.log_evidence, 0.0)
         in_model, remaining = sizes_of(named, seen), sizes_of(left, seen)
         logs = [log.at(-in_model) for log in seen.logs]
