@@ -13,6 +13,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue, gyro_gain_of
+from castor_envs.effects.encoders import PivotEccentricity
 from castor_envs.effects.floor import Bump
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
@@ -25,8 +26,10 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.sparse_columns import SparseColumns
 
-SWEPT = np.pi
-"""rad that a castor must sweep for unnamed alternatives that are periodic in its angle."""
+SWEPT, STEERED = np.pi, 1.0
+"""rad that a castor must sweep for unnamed alternatives that are periodic in its angle; and for an eccentricity of its
+encoder, which is a bias within less. What is in the model stays a candidate: with it, the castor may seem to sweep a
+little less."""
 
 BLOCKS = 4
 """Parts of equal length into which a log is cut for intermittent unnamed alternatives."""
@@ -185,6 +188,7 @@ def signatures_of(
     read: list[tuple[Candidate, SparseColumns, SparseColumns]] = []
     unread: list[Candidate] = []  # by encoders: rates of clocks, and scales of gyros
     motion = channels.motion(log, state, consistent_wheels=True)
+    swept = np.ptp(motion.castor_angle, axis=0)
     slip_rows = motion.wheel_angle.shape[1] + motion.castor_angle.shape[1]
 
     def misreading(candidate: Candidate, excess: Array) -> tuple[Candidate, SparseColumns, SparseColumns]:
@@ -194,7 +198,9 @@ def signatures_of(
         return candidate, SparseColumns((*counts.shape, candidate.columns)), slips
 
     for candidate in [*candidates_of(robot), *places] if among is None else among:
-        kind = candidate.kinds[0]
+        kind, in_robot = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
+        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < STEERED and not in_robot:
+            continue
         if rate_of(candidate.kinds) or gyro_scale_of(candidate.kinds):
             measured = log.reference if rate_of(candidate.kinds) else log.gyro
             unread += [candidate] if measured is not None else []

@@ -241,10 +241,10 @@ def test_clean_logs_that_have_the_effect_too_make_it_good_order():
     ],
 )
 def test_what_a_pivot_misreads_is_named_though_it_is_steered_by_little(effect, name):
-    """Within 0.6 rad to both sides an eccentricity is nearly a bias and a gain: two effects, where it is one."""
+    """Within 0.8 rad to both sides an eccentricity is nearly a bias and a gain: two effects, where it is one."""
     robot, random, runs = preset("tricycle"), np.random.default_rng(1), []
     while sum(run.duration for run in runs) < 30.0:
-        leg = Leg((1.0, 0.0, 2 * np.tan(random.uniform(-0.6, 0.6))), random.uniform(0.5, 1.5))
+        leg = Leg((1.0, 0.0, 2 * np.tan(random.uniform(-0.8, 0.8))), random.uniform(0.5, 1.5))
         runs.append(Run((leg,), 0.3, 0.5))
     log = drive(robot.with_effects(effect), Trajectory("bends", tuple(runs)), 1, duration=30.0)
     (answer,) = diagnose(robot, [log]).answers
