@@ -134,7 +134,8 @@ def trained(plan: Plan, save: Path | None) -> dict[str, Any]:
     import torch
     from stable_baselines3 import PPO as Learner  # noqa: N811
     from stable_baselines3.common.callbacks import BaseCallback
-    from stable_baselines3.common.env_util import make_vec_env
+
+    from castor_envs.envs.stable_baselines import GymnasiumVecEnv
 
     torch.set_num_threads(1)
     arguments = {"control": plan.control, "scaled": True, "floor": FLOOR}
@@ -163,7 +164,8 @@ def trained(plan: Plan, save: Path | None) -> dict[str, Any]:
             print(plan.environment, plan.control, curve[-1], flush=True)
 
     began = time.process_time()
-    env = make_vec_env(plan.environment, n_envs=ENVIRONMENTS, seed=SEED, env_kwargs=arguments)
+    members = gym.make_vec(plan.environment, num_envs=ENVIRONMENTS, autoreset_mode="SameStep", threads=1, **arguments)
+    env = GymnasiumVecEnv(members)
     network = {"net_arch": NETWORK, "log_std_init": plan.log_std}
     model = Learner("MlpPolicy", env, seed=SEED, device="cpu", policy_kwargs=network, **PPO)
     model.learn(plan.steps, callback=Watch())
