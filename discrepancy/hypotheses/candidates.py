@@ -26,10 +26,9 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.sparse_columns import SparseColumns
 
-SWEPT, STEERED = np.pi, 1.0
-"""rad that a castor must sweep for unnamed alternatives that are periodic in its angle; and for an eccentricity of its
-encoder, which is a bias within less. What is in the model stays a candidate: with it, the castor may seem to sweep a
-little less."""
+SWEPT = np.pi
+"""rad that a castor must sweep so that errors periodic in its angle can be distinguished from a bias and a gain of its
+encoder. What is in the model stays a candidate: with it, the castor may seem to sweep a little less."""
 
 BLOCKS = 4
 """Parts of equal length into which a log is cut for intermittent unnamed alternatives."""
@@ -199,7 +198,7 @@ def signatures_of(
 
     for candidate in [*candidates_of(robot), *places] if among is None else among:
         kind, in_robot = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
-        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < STEERED and not in_robot:
+        if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not in_robot:
             continue
         if rate_of(candidate.kinds) or gyro_scale_of(candidate.kinds):
             measured = log.reference if rate_of(candidate.kinds) else log.gyro

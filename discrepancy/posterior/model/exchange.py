@@ -17,15 +17,14 @@ from discrepancy.posterior.model.refit import (
     families_of,
     in_place_of,
     refitted,
-    sizes_of,
     statistics_of,
 )
 from discrepancy.posterior.priors import directions_in_model
 from discrepancy.posterior.random_effects import summed
 
 RIVALS, SIMILAR = 2, 0.5
-"""Most rivals with which a large effect, or all effects together, are compared: those of the most similar signatures;
-and the least squared cosine between theirs and a rival's."""
+"""Most rivals with which a large effect is compared, those of the most similar signatures; and the least squared cosine
+of the signatures of a rival."""
 
 
 def exchanged(
@@ -42,9 +41,8 @@ def exchanged(
     """Return effects with which logs are likelier than with those in the model, and the statistics beside them; None if
     there are none.
 
-    Each effect is left out, if that makes the logs hardly less likely, each large effect is exchanged for a similar
-    one, and several together for one that does alike. The posterior compares effects linearly, by statistics about one
-    state, which is inexact for large effects.
+    Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
+    one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
     Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
     their sizes are (`log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
     first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
@@ -65,7 +63,7 @@ def exchanged(
     decided = set[frozenset[str]]()
     unlikely = float(np.log1p(displaced(seen) ** 2))
     for k, effect in enumerate(named):
-        for other in (in_place_of([effect], cause, seen) for cause in same.get(effect.candidate, ())):
+        for other in (in_place_of(effect, cause, seen) for cause in same.get(effect.candidate, ())):
             effects = (*named[:k], other, *named[k + 1 :])
             refit_effects, fitted = refitted(vehicle, look, named, effects, seen, best - max(unlikely, LOG_ODDS))
             least = CONVERGED + float(np.log1p(displaced(fitted) ** 2)) - unlikely
@@ -112,29 +110,24 @@ def _alternatives(
 ) -> Iterator[tuple[tuple[Sized, ...], float]]:
     """Yield alternatives to the effects in the model, and the increase of the log evidence from which each is better:
     negative if it has an effect less."""
-    in_model = {sized.candidate for sized in named}
-    free = [candidate for candidate in seen.candidates if candidate.kinds and candidate not in in_model]
     if len(named) > 1:
         for sized in named:
             yield tuple(effect for effect in named if effect is not sized), -LOG_ODDS
-        for instead in _rivals(named, free, seen):
-            yield (instead,), -LOG_ODDS * (len(named) - 1)
-    single = [candidate for candidate in free if candidate.columns == 1]
-    for sized in named:
-        if sized.candidate in large and sized.candidate.columns == 1:
-            for instead in _rivals([sized], single, seen):
-                yield tuple(instead if effect is sized else effect for effect in named), LOG_ODDS
-
-
-def _rivals(effects: Sequence[Sized], among: Sequence[Cause], seen: Seen) -> list[Sized]:
-    """Return the candidates, at most `RIVALS`, whose signatures explain most of what effects together do, and more than
-    the part `SIMILAR` of it, of the sizes with which they do."""
-    information, of_effects, explained = summed(seen.logs).information, sizes_of(effects, seen), dict[Cause, float]()
-    by_effects = information @ of_effects
-    for candidate in among:
-        directions = directions_in_model(seen, [candidate])
-        shown = directions.T @ by_effects
-        explained[candidate] = float(shown @ np.linalg.lstsq(directions.T @ information @ directions, shown)[0])
-    least = SIMILAR * float(of_effects @ by_effects)
-    nearest = sorted((cause for cause in explained if explained[cause] > least), key=explained.__getitem__)[-RIVALS:]
-    return [in_place_of(effects, rival, seen) for rival in nearest]
+    compared = [sized for sized in named if sized.candidate in large and sized.candidate.columns == 1]
+    if not compared:
+        return
+    statistics, in_model = summed(seen.logs), {sized.candidate for sized in named}
+    rivals = {
+        candidate: directions_in_model(seen, [candidate])[:, 0]
+        for candidate in seen.candidates
+        if candidate.columns == 1 and candidate.kinds and candidate not in in_model
+    }
+    square = {rival: float(direction @ statistics.information @ direction) for rival, direction in rivals.items()}
+    for sized in compared:
+        of_effect = directions_in_model(seen, [sized.candidate])[:, 0]
+        by_effect = statistics.information @ of_effect
+        product = {rival: float(rivals[rival] @ by_effect) for rival in rivals if square[rival] > 0}
+        cosine = {rival: product[rival] ** 2 / (square[rival] * (of_effect @ by_effect)) for rival in product}
+        for rival in sorted((rival for rival in cosine if cosine[rival] > SIMILAR), key=cosine.__getitem__)[-RIVALS:]:
+            instead = in_place_of(sized, rival, seen)
+            yield tuple(instead if effect is sized else effect for effect in named), LOG_ODDS

@@ -184,7 +184,7 @@ def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) ->
         if named[k].candidate == answer.candidate:
             for name in answer.credible:
                 if name in causes and name not in families_of(named):
-                    yield (*named[:k], in_place_of([named[k]], causes[name], seen), *named[k + 1 :])
+                    yield (*named[:k], in_place_of(named[k], causes[name], seen), *named[k + 1 :])
 
 
 def _same(answers: Sequence[Answer], seen: Seen) -> dict[Cause, list[Cause]]:

@@ -89,10 +89,11 @@ def families_of(effects: Sequence[Sized]) -> frozenset[str]:
     return frozenset(effect.candidate.family for effect in effects)
 
 
-def in_place_of(effects: Sequence[Sized], rival: Cause, seen: Seen) -> Sized:
-    """Return a rival of the size with which its signature is the nearest to what logs show of effects in the model."""
+def in_place_of(effect: Sized, rival: Cause, seen: Seen) -> Sized:
+    """Return a rival of the size with which its signature is the nearest to what logs show of an effect in the
+    model."""
     of_rival, statistics = directions_in_model(seen, [rival]), summed(seen.logs)
-    shown = of_rival.T @ (statistics.information @ sizes_of(effects, seen) + statistics.score)
+    shown = of_rival.T @ (statistics.information @ sizes_of([effect], seen) + statistics.score)
     size = np.linalg.lstsq(of_rival.T @ statistics.information @ of_rival, shown, rcond=1e-9)[0]
     return Sized(rival, np.zeros(rival.columns)).moved(np.asarray(size, dtype=np.float64))
 

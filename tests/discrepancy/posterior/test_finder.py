@@ -19,7 +19,7 @@ from castor_envs.effects.encoders import PivotBacklash, PivotEccentricity, TickL
 from castor_envs.errors import InputError
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
-from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
+from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.verdicts import Material
@@ -231,25 +231,6 @@ def test_clean_logs_that_have_the_effect_too_make_it_good_order():
     clean = [driven("asoc-prototype", seed, RADIUS) for seed in (5, 6)]
     diagnosis = diagnose(ROBOT, [driven("asoc-prototype", 3, RADIUS)], clean=clean)
     assert not [answer for answer in diagnosis.answers if answer.verdict == "named"]
-
-
-@pytest.mark.parametrize(
-    ("effect", "name"),
-    [
-        (PivotBias(castor=1, value=0.01), "pivot_bias 1"),
-        (PivotEccentricity(castor=1, value=0.01, phase=1.0), "pivot_eccentricity 1"),
-    ],
-)
-def test_what_a_pivot_misreads_is_named_though_it_is_steered_by_little(effect, name):
-    """Within 0.8 rad to both sides an eccentricity is nearly a bias and a gain: two effects, where it is one."""
-    robot, random, runs = preset("tricycle"), np.random.default_rng(1), []
-    while sum(run.duration for run in runs) < 30.0:
-        leg = Leg((1.0, 0.0, 2 * np.tan(random.uniform(-0.8, 0.8))), random.uniform(0.5, 1.5))
-        runs.append(Run((leg,), 0.3, 0.5))
-    log = drive(robot.with_effects(effect), Trajectory("bends", tuple(runs)), 1, duration=30.0)
-    (answer,) = diagnose(robot, [log]).answers
-    assert (answer.verdict, answer.credible) == ("named", (name,))
-    assert answer.size == pytest.approx(0.01, abs=2 * answer.error)
 
 
 class LostCounts(Misreading):

@@ -106,19 +106,3 @@ def test_the_prior_of_a_size_to_within_its_errors_is_that_of_a_cauchy_distributi
     density = sum(quad(normal, *ends)[0] for ends in ((0.0, 0.01), (0.01, 1.0), (1.0, np.inf)))
     expected = density * (2 * np.pi * error**2) ** (columns / 2)
     assert log_prior([Sized(cause, amplitudes)], seen) == pytest.approx(np.log(expected), abs=1e-3)
-
-
-def test_two_effects_make_way_for_one_that_does_what_both_do(statistics_of):
-    """The signature of the third is the sum of those of the two, and with it logs are as likely."""
-    third = Candidate("both", (PivotEccentricity(castor=1, value=1e-3),))
-    signatures = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 1.0]])
-    information = 1e10 * signatures.T @ signatures
-
-    def look(effects, *_) -> Any:
-        kinds = {effect.candidate for effect in effects}
-        return statistics_of([PLACE, GAIN, third], information, 100.0 if kinds in ({PLACE, GAIN}, {third}) else 0.0)
-
-    named = (Sized(PLACE, np.array([0.01])), Sized(GAIN, np.array([0.01])))
-    found = exchanged(ROBOT, look, named, (), look(named))
-    assert found is not None
-    assert [(effect.candidate, effect.size) for effect in found[0]] == [(third, pytest.approx(0.01))]
