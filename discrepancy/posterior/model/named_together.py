@@ -74,7 +74,8 @@ def named_together(
             for answer in answers
             if not any(answer.candidate.family == family and kept <= in_model for kept, family in needless)
         ]
-        if families_of(_taken_in(vehicle, answers, named, 0.0)) < in_model:
+        still = {answer.candidate for answer in answers}
+        if still < {effect.candidate for effect in named}:  # nothing else takes the place of what is lost
             kept, by_fits = _by_fits(vehicle, look, named, answers, seen, order, odds)
             if kept is not None:
                 needless |= {(families_of(kept), family) for family in in_model - families_of(kept)}
