@@ -137,15 +137,17 @@ def _by_fits(
     """
     told, least, kept = list[Answer](), 0.0, None
     possible_names = {name for answer in answers for name in (*answer.credible, *answer.alike)}
+    possible_names |= {answer.candidate.family for answer in answers}
+    in_model = sizes_of(named, seen)
+    logs = [log.at(-in_model) for log in seen.logs]
+    statistics = summed(logs), order.beyond(logs)
     for effect in named:
-        if effect.candidate.family in possible_names or effect.candidate in {answer.candidate for answer in answers}:
+        if effect.candidate.family in possible_names:
             continue
         left = tuple(other for other in named if other is not effect)
         others, without = refitted(vehicle, look, named, left, seen)
         gain = max(seen.log_evidence - without.log_evidence, 0.0)
-        in_model, remaining = sizes_of(named, seen), sizes_of(left, seen)
-        logs = [log.at(-in_model) for log in seen.logs]
-        explained, beyond = (_gained(of, in_model, remaining) for of in (summed(logs), order.beyond(logs)))
+        explained, beyond = (_gained(of, in_model, sizes_of(left, seen)) for of in statistics)
         part = float(np.clip(beyond / max(explained, 1e-12), 0.0, 1.0))
         log_odds = part * gain + log_prior([effect], seen) + odds
         if log_odds <= least:

@@ -87,8 +87,7 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
     area, odds = float(np.prod(np.ptp(way, axis=0))), prior_log_odds(names)
     if _judged(replays.gain, patch, area, odds).log_odds < LOG_ODDS:
         return None
-    everywhere = np.logaddexp.reduce(_log_factors(replays.gain, replays.whole_floor)) - np.log(len(SLIPPERY))
-    odds -= max(float(everywhere), 0.0)
+    odds -= max(_log_mean(_log_factors(replays.gain, replays.whole_floor)), 0.0)
     patch, _ = max((_refined(replays.gain, *proposed) for proposed in tried), key=lambda found: found[1])
     found = _judged(replays.gain, patch, area, odds)
     return found if found.log_odds >= LOG_ODDS else None
@@ -99,12 +98,17 @@ def _log_factors(gain: Gain, patch: FrictionPatch) -> Array:
     return np.array([gain(patch, value) for value in SLIPPERY])
 
 
+def _log_mean(log_factors: Array) -> float:
+    """Return the logarithm of the mean of likelihood ratios, given theirs."""
+    return float(np.logaddexp.reduce(log_factors) - np.log(len(log_factors)))
+
+
 def _judged(gain: Gain, patch: FrictionPatch, area: float, anywhere: float) -> Slippery:
     """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; anywhere: prior log
     odds (natural logarithm) of a patch anywhere on it."""
     log_factors = _log_factors(gain, patch)
     elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
-    log_odds = np.logaddexp.reduce(log_factors) - np.log(len(SLIPPERY)) - elsewhere + anywhere
+    log_odds = _log_mean(log_factors) - elsewhere + anywhere
     weight = np.exp(log_factors - log_factors.max())
     value = float(np.average(SLIPPERY, weights=weight))
     error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))

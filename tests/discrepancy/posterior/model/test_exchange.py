@@ -105,4 +105,4 @@ def test_the_prior_of_a_size_to_within_its_errors_is_that_of_a_cauchy_distributi
 
     density = sum(quad(normal, *ends)[0] for ends in ((0.0, 0.01), (0.01, 1.0), (1.0, np.inf)))
     expected = density * (2 * np.pi * error**2) ** (columns / 2)
-    assert log_prior([Sized(cause, amplitudes)], seen) == pytest.approx(np.log(expected), abs=1e-3)
+    assert log_prior([Sized(cause, amplitudes)], seen) == pytest.approx(np.log(expected), abs=1e-5)

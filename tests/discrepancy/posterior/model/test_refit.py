@@ -39,4 +39,4 @@ def test_a_size_that_is_far_too_small_is_found_though_log_evidence_is_uneven_the
 
     before = (Sized(GAIN, np.array([0.5 / 8])),)
     (found,), _ = refitted(ROBOT, look, before, before, look(before))
-    assert found.size == pytest.approx(0.5, rel=0.05)
+    assert found.size == pytest.approx(0.5)
