@@ -26,6 +26,7 @@ Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Direction = Literal["forward", "backward"]
 Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 QUARTERS = (0.0, math.pi / 2)  # sines of these two phases add up to a sine of any phase
+CLEAR = 1e-6  # part of a count by which angles at a limit keep clear of it: sums of counts are rounded
 Of = Literal["own angle", "castor angle", "speed"]
 """What a curve depends on: the encoder's own angle or its castor's (rad, of one turn), or how fast it turns (rad/s)."""
 
@@ -220,7 +221,8 @@ class TickLoss(Effect[RobotDescription]):
         full = kept / (1 - self.value)
         nearer = np.abs(way * likely - full) < np.abs(way * likely - kept)
         loses = (kept + count > (1 - self.value) * limit) & ((kept - count > limit) | nearer)
-        return way * np.where(loses, np.maximum(full, np.nextafter(limit, np.inf)), np.minimum(kept, limit))
+        clear = CLEAR * count
+        return way * np.where(loses, np.maximum(full, limit + clear), np.minimum(kept, limit - clear))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)

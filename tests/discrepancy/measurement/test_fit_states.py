@@ -113,6 +113,19 @@ def test_angles_read_after_a_loss_are_told_from_angles_read_in_full(direction):
     np.testing.assert_allclose(turned, angle, atol=1.01 * count / (1 - effect.value))
 
 
+@pytest.mark.parametrize("direction", ["forward", "backward"])
+def test_a_wheel_at_the_very_speed_reads_what_it_read(direction):
+    """Of angles within a count of the limit, sums of which are rounded, none is lost again or kept after all."""
+    random, count, durations = np.random.default_rng(2), 0.003, np.full(4000, 0.05)
+    effect = TickLoss(castor=1, wheel=1, value=0.2, above=4.0, direction=direction)
+    sign = 1.0 if direction == "forward" else -1.0
+    limit, lost = sign * effect.above * durations, random.random(4000) < 0.5
+    read = limit * np.where(lost, 1 - effect.value, 1) + count * random.uniform(-0.5, 0.5, 4000)
+    turned = effect.turned(durations, read, limit * np.where(lost, 1.02, 0.98), count)
+    again = np.diff(1e4 * count + np.cumsum(np.append(0.0, turned)))
+    assert np.array_equal(sign * again > effect.above * durations, lost)
+
+
 def test_jitter_is_uncertainty_of_where_the_robot_was():
     """Readings that come early or late together contradict the reference, not each other."""
     robot, found = ROBOT.with_effects(SampleJitter(value=0.005)), []
