@@ -21,6 +21,9 @@ from discrepancy.preflight.search import Candidate, search
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
+ROUNDED = 1e-6
+"""Parts of a motion that are the rounding of squares."""
+
 
 @dataclass(frozen=True)
 class Mistake:
@@ -84,6 +87,8 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
         left = max(best.misfit.encoders, best.misfit.reference)
         if not mistakes and left > 10 * USUAL:
             reported.append(f"{_contradiction(best.misfit)}, which is no mistake of wiring or units alone")
+            left_by = ((_named(rival), _parts(rival.misfit)) for rival in alike)
+            reported += [f"the likeliest: {what}; then encoders contradict {parts}" for what, parts in left_by]
         if slid := left > 2 * USUAL and any(effect.wiring for mistake in mistakes for effect in mistake.effects):
             reported.append(
                 "wheels that were driven by wrong readings slid: with these put right, encoders contradict "
@@ -154,6 +159,6 @@ def _contradiction(misfit: Misfit) -> str:
 
 def _parts(misfit: Misfit) -> str:
     parts = {"each other": misfit.encoders, "the reference": misfit.reference, "the commands": misfit.commands}
-    percents = {whom: 100 * part for whom, part in parts.items() if part > 0}
-    texts = (f"{whom} by {part:{'.0f' if part >= 10 else '.1g'}} %" for whom, part in percents.items())
+    percents = {whom: 100 * part for whom, part in parts.items() if part > ROUNDED}
+    texts = (f"{whom} by {part:{'.0f' if part >= 9.5 else '.1g'}} %" for whom, part in percents.items())
     return " and ".join(texts) or "nothing"

@@ -107,7 +107,7 @@ class Table:
         reading[list(columns), list(columns)] = factor
         return reading
 
-    def scaled(self, columns: tuple[int, ...], factor: float) -> Hypothesis:
+    def scaled(self, columns: tuple[int, ...], factor: float, gross: bool) -> Hypothesis:
         """Return the mistake that encoders give `factor` times the counts per turn in the robot file."""
         effects: tuple[Effect, ...] = ()
         if columns[0] < self.pivots:
@@ -121,13 +121,14 @@ class Table:
             with contextlib.suppress(ValidationError):  # of a factor beyond what such an effect can be
                 effects = tuple(dataclasses.replace(counts[k - self.pivots], value=factor - 1) for k in columns)
         what = f"the counts of {self.places[columns]} are {factor:.3g} times what {key} says"
-        return Hypothesis(what, self.multiplied(columns, factor), remedy, effects)
+        return Hypothesis(what, self.multiplied(columns, factor), remedy, effects, gross)
 
     def turned(self, pivot: int, angle: float) -> Hypothesis:
         """Return that a pivot's zero, of the encoder in this column, is off by an angle, rad."""
         castor = int(self._channels.sensed[pivot]) + 1
         effect = PivotBias(castor=castor, value=angle)
-        return Hypothesis(f"zero of pivot_{castor}", reading_of(self._robot, [effect]), "", (effect,), gross=False)
+        what = f"the zero of pivot_{castor} is off by {angle:.2g} rad"
+        return Hypothesis(what, reading_of(self._robot, [effect]), "", (effect,), gross=False)
 
     def _effects(self) -> Iterator[tuple[str, Sequence[Effect]]]:
         """Yield mistakes and the effects that make them: at one place, then the same at many, if there are any."""

@@ -44,11 +44,12 @@ class Candidate:
 
 
 def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candidate, Candidate, list[Candidate]]:
-    """Return the log read as it is, the most likely candidate, which may be the same, and others about as likely.
+    """Return the log read as it is, the most likely candidate, which may be the same, and others about as likely; or,
+    where it is the same, the mistake that leaves least, if it explains the log better.
 
     One mistake of wiring after another is added, until none makes the log likelier; two at least, as they may mask each
-    other, so that neither helps alone. Last come pivots' counts per turn, and small errors of their zeros, which take
-    longest; if such an error is about as likely as any mistake, none is returned.
+    other, so that neither helps alone. Last come pivots' counts per turn, and small errors of their zeros and of
+    wheels' counts per turn, which take longest; if such an error is about as likely as any mistake, none is returned.
     """
     table = Table(robot)
     nominal = Candidate((), table.nominal, likelihood.of(table.nominal))
@@ -82,11 +83,13 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
     if best().misfit.cost > LOG_ODDS:
         extended([nominal], [_scaled(table, likelihood, of) for of in pivots])
         extended([nominal], [_turned(table, likelihood, of[0]) for of in pivots if len(of) == 1])
+        extended([nominal], [_scaled(table, likelihood, of, gross=False) for of in wheels])
     chosen = best()
     near = [each for each in found.values() if each.mistakes and each.cost < chosen.cost + ALIKE]
     small = any(not mistake.gross for each in near for mistake in each.mistakes)
     if small or (chosen is nominal and not nominal.misfit.turn):
-        return nominal, nominal, []
+        least = min(found.values(), key=lambda candidate: candidate.cost if candidate.mistakes else math.inf)
+        return nominal, nominal, [least] if least.misfit.cost < nominal.misfit.cost - ALIKE else []
     turned = bool(chosen.misfit.turn)
     return nominal, chosen, [each for each in near if each is not chosen and (turned or not each.misfit.turn)]
 
@@ -108,15 +111,17 @@ def _turned(table: Table, likelihood: WiringLikelihood, pivot: int) -> Hypothesi
     return table.turned(pivot, float(best.x))
 
 
-def _scaled(table: Table, likelihood: WiringLikelihood, columns: tuple[int, ...]) -> Hypothesis:
-    """Return the likeliest gross factor on the counts of these encoders, rounded where that is about as likely."""
+def _scaled(table: Table, likelihood: WiringLikelihood, columns: tuple[int, ...], *, gross: bool = True) -> Hypothesis:
+    """Return the likeliest factor, gross or small, on the counts of these encoders, rounded where that is about as
+    likely."""
 
     def cost(log_factor: float) -> float:
         return likelihood.of(table.multiplied(columns, math.exp(log_factor))).cost
 
     tried = np.arange(-LARGEST, LARGEST, FINE)
-    at = min(tried[np.abs(tried) > GROSS].tolist(), key=cost)
+    at = min(tried[(np.abs(tried) > GROSS) == gross].tolist(), key=cost)
     fine: Any = minimize_scalar(cost, bounds=(at - FINE, at + FINE), method="bounded")
-    best = math.exp(fine.x if abs(fine.x) >= GROSS else at)
+    best = math.exp(fine.x if (abs(fine.x) >= GROSS) == gross else at)
     rounded = (float(f"{best:.{digits}g}") for digits in (1, 2))
-    return table.scaled(columns, next((by for by in rounded if round(cost(math.log(by)) - fine.fun) == 0), best))
+    rounded = (by for by in rounded if (abs(math.log(by)) >= GROSS) == gross)
+    return table.scaled(columns, next((by for by in rounded if round(cost(math.log(by)) - fine.fun) == 0), best), gross)

@@ -13,7 +13,7 @@ import pytest
 
 from castor_envs.effects.catalogue import EFFECTS, catalogue, readings
 from castor_envs.effects.dimensions import PivotBias, WheelRadius
-from castor_envs.effects.encoders import PivotGain
+from castor_envs.effects.encoders import PivotGain, TickLoss
 from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwapped
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
@@ -360,10 +360,18 @@ def test_short_and_still_logs_are_reported_and_nothing_is_named(rows):
         assert any(said in remark for remark in found.remarks)
 
 
-def test_large_errors_of_dimensions_are_no_mistakes():
-    for value in (-0.2, 0.05):
-        found = preflight(ASOC, [log_of(ASOC, WheelRadius(castor=2, wheel=1, value=value))])
-        assert found.mistakes == ()
+@pytest.mark.parametrize(
+    ("effect", "likeliest"),
+    [
+        (WheelRadius(castor=2, wheel=1, value=0.05), ""),
+        (WheelRadius(castor=2, wheel=1, value=-0.2), "the counts of wheel_2l are 1.2"),
+        (TickLoss(castor=3, wheel=2, value=0.32, above=1.0), "the counts of wheel_3r are 0."),
+    ],
+)
+def test_what_is_no_gross_mistake_is_a_remark(effect, likeliest):
+    found = preflight(ASOC, [log_of(ASOC, effect)])
+    assert found.mistakes == ()
+    assert any(remark.startswith(f"the likeliest: {likeliest}") for remark in found.remarks) == bool(likeliest)
 
 
 def measured():
