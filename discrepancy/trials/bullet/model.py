@@ -2,7 +2,8 @@
 
 The robot is one articulated body: chassis, forks on their pivots, wheels on their axles. The axle of a castor that
 turns and has several wheels rocks freely about its rolling direction, so its wheels share its load whatever their
-radii. Robots whose castors do not hold them upright get four frictionless skids.
+radii; axles are as high as their wheels are large, so that all stand on a level floor. Robots whose castors do not hold
+them upright get four frictionless skids.
 
 Wheels are spheres: a sphere touches the floor in a single point, right below its centre however the axle leans, so it
 rolls its radius and turns on the spot about that point without resistance. Bullet's cylinders touch along a line, in
@@ -127,13 +128,13 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
             f"robot {robot.name!r} has tyres that creep otherwise than described; the Bullet generator's contacts do "
             "not creep: leave out slip_stiffness, slip_stiffness_lateral and contact_creep"
         )
-    height, skids = float(described.radius.max()), skids_of(robot, described)
+    height, skids = float(geometry.radius.max()), skids_of(robot, described)
     loads = static_loads(robot, described, floor.normal_gravity, skids)
     links: list[Link] = []
     for i in range(geometry.n_castors):
         links += _castor(robot, geometry, i)
         for k in np.flatnonzero(geometry.wheel_castor == i).tolist():
-            links.append(_wheel(robot, geometry, k, float(described.radius[k]) - height))
+            links.append(_wheel(robot, geometry, k, float(geometry.radius[k]) - height))
     redundant = not len(skids) and geometry.n_castors > 3
     return Parts(
         robot=robot,

@@ -100,7 +100,8 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
             f"robot {robot.name!r} has tyres that hold better than described; MuJoCo's contacts are almost rigid "
             "already, and tyres can but slip more: give slip stiffnesses below 0"
         )
-    height = float(described.radius.max())
+    axles = geometry.radius - geometry.radius.max()
+    height = float(geometry.radius.max())
     root = ET.Element("mujoco")
     element(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     option = element(
@@ -138,9 +139,9 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
     for i in range(geometry.n_castors):
         parts.castors.append(_castor(parts, actuator, i))
     for k in range(len(geometry.radius)):
-        # The fork is made for the described wheel; a larger one presses its spring in.
+        # The fork is made for the wheel without load.
         behind = float(geometry.offset[geometry.wheel_castor[k]])
-        place = -behind, float(geometry.lateral[k]), float(described.radius[k]) - height
+        place = -behind, float(geometry.lateral[k]), float(axles[k])
         parts.wheels.append(_wheel(parts, actuator, k, place))
     _share_loads(parts)
     # Skids touch the plane alone, so no cable lifts the wheels by them.

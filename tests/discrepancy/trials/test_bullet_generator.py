@@ -225,6 +225,14 @@ def test_robots_are_built_with_their_effects(effect: Effect):
     assert slip(run, robot.as_described()) > 5 * slip(run, robot.as_built())
 
 
+@pytest.mark.parametrize("effect", [AllWheelRadius(value=-0.11), WheelRadius(castor=1, wheel=2, value=0.09)])
+def test_robots_stand_on_wheels_of_any_radius(effect: Effect):
+    """And not on their skids, or on the wheels that are larger."""
+    robot = DIFFERENTIAL.with_effects(effect)
+    run = simulate(robot, wander(np.random.default_rng(1), duration=2.5, holonomic=False), 1, duration=2.5)
+    assert slip(run, robot.as_built()) < 10 * SLIP
+
+
 def test_one_run_can_be_read_with_and_without_an_effect(clean: Run):
     plain = read(clean, ASOC, rounded=False, noise=EXACT)
     bias = read(clean, ASOC.with_effects(PivotBias(castor=2, value=0.01)), rounded=False, noise=EXACT)

@@ -177,6 +177,14 @@ def test_robots_are_built_with_their_effects(effect: Effect):
     assert apart[0] > 5 * apart[1]
 
 
+@pytest.mark.parametrize("effect", [AllWheelRadius(value=-0.11), WheelRadius(castor=1, wheel=2, value=0.09)])
+def test_robots_stand_on_wheels_of_any_radius(effect: Effect):
+    """And not on their skids, or on the wheels that are larger."""
+    robot = preset("differential").with_effects(effect)
+    run = simulate(robot, wander(np.random.default_rng(1), duration=4.0, holonomic=False), 1, duration=4.0)
+    assert max(median_slip(run, robot.as_built())) < 2 * CREEP
+
+
 # Contact, load and floor
 
 
