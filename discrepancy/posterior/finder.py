@@ -187,7 +187,8 @@ class _Search:
 
     def linearised(self, robot: RobotDescription, **options: Any) -> Linearised:
         """Return the statistics of the logs as made by a robot; options: of `linearise`."""
-        return linearise(robot, self.logs, creep=self.creep, released=self.released, jitter=self.jitter, **options)
+        at = {"creep": self.creep, "released": self.released, "jitter": self.jitter}
+        return linearise(robot, self.logs, **at | options)
 
     def ask(self, seen: Linearised, named: Sequence[Sized], without: Collection[str]) -> Asked:
         """Return the posterior and the answers beside effects; see `named_together`."""
@@ -205,27 +206,34 @@ class _Search:
         return float(np.hypot(*(seen.state.mount[:2] - mounted))) / max(self.material.position, 1e-12)
 
     def with_events(self) -> Sequence[Sized] | None:
-        """Return the effects to begin anew with where contacts slip at certain times or places, or an encoder is read
-        so late that it seems so; None if nothing does."""
+        """Return the effects to begin anew with where contacts slip at certain times or places, or an encoder that is
+        late or loses counts makes it seem so; None if nothing does."""
         found, before = self.found, len(self.events.faulty)
         extended = self.events.extended(found, self.logs, self.seen, self.good, self.answers, self.names)
         if extended is None:
             return None
-        late = late_encoders(self.robot, self.logs, self.seen, extended.faulty[before:])
-        if late and (better := self.likelier(late)):
-            return better
-        self.events, self.released = extended, extended.released(found, self.logs, self.seen)
+        released = extended.released(found, self.logs, self.seen)
+        instead = [*late_encoders(self.robot, self.logs, self.seen, extended.faulty[before:]), *self.lossy_encoders()]
+        if instead and (better := self.likelier(instead)):
+            slipping = self.linearised(found, released=released, start=self.seen, among=())
+            if better[1].log_evidence > slipping.log_evidence:
+                return better[0]
+        self.events, self.released = extended, released
         return self.begin
 
     def with_lost_counts(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where a wheel's encoder loses counts at speed; None if none does."""
-        while lossy := lossy_encoders(
-            self.found, self.logs, self.seen, LOG_ODDS - self.odds, self.lossy | families_of(self.named)
-        ):
+        while lossy := self.lossy_encoders(self.lossy):
             self.lossy |= families_of(lossy)
             if better := self.likelier(lossy):
-                return better
+                return better[0]
         return None
+
+    def lossy_encoders(self, besides: Collection[str] = ()) -> list[Sized]:
+        """Return the loss of counts that the logs show best beside the effects in the model, if they show one; besides:
+        families that are not considered."""
+        known = families_of(self.named) | set(besides)
+        return lossy_encoders(self.found, self.logs, self.seen, LOG_ODDS - self.odds, known)
 
     def with_hidden(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where what passes for noise of contacts costs more than matters, and is
@@ -233,7 +241,8 @@ class _Search:
         slip = float(np.hypot(self.seen.noise.along, self.seen.noise.across)) * WAY**0.5
         if self.begin or self.named or not self.seen.redundant or slip <= self.material.position:
             return None
-        return self.likelier(most_explaining(self.base, self.posterior.names, self.seen, self.named))
+        better = self.likelier(most_explaining(self.base, self.posterior.names, self.seen, self.named))
+        return None if better is None else better[0]
 
     def with_curve(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with beside a curve that explains an unnamed alternative; None if none
@@ -248,11 +257,10 @@ class _Search:
         self.curve, self.base = curve, self.robot.with_effects(curve.effect)
         return self.begin
 
-    def likelier(self, more: Sequence[Sized]) -> Sequence[Sized] | None:
-        """Return effects with one of `more`, with which logs are likelier than with those in the model; None if they
-        are with none."""
-        better = exchanged(self.base, self.look, self.named, (), self.seen, more, self.odds)
-        return None if better is None else better[0]
+    def likelier(self, more: Sequence[Sized]) -> tuple[Sequence[Sized], Linearised] | None:
+        """Return effects with one of `more`, with which logs are likelier than with those in the model, and the
+        statistics beside them; None if they are with none."""
+        return exchanged(self.base, self.look, self.named, (), self.seen, more, self.odds)
 
 
 def _at_places(seen: Linearised) -> tuple[Candidate, ...]:

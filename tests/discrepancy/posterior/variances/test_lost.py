@@ -1,6 +1,7 @@
 """Counts that an encoder loses at speed are found where no linear signature shows them."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.encoders import TickLoss
-from castor_envs.motion.trajectories import Leg, Run, Trajectory
+from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of, signatures_of
 from discrepancy.posterior.finder import diagnose
@@ -38,6 +39,16 @@ def test_counts_lost_at_speeds_that_the_fitted_wheel_does_not_reach_are_named():
     assert answer.size == pytest.approx(LOSS.value, rel=0.05)
     assert found.held_out is not None
     assert gap_of(found.held_out[1]) < 0.1 * gap_of(found.held_out[0])
+
+
+def test_counts_lost_at_speed_do_not_pass_for_a_wheel_that_slips_at_a_time():
+    robot = preset("asoc-full-scale")
+    loss = replace(TickLoss.variants(robot)[10], value=0.3)
+    drives = (wander(np.random.default_rng([16, k]), duration=30.0) for k in (1, 2))
+    logs = [drive(robot.with_effects(loss), motion, k, duration=30.0) for k, motion in enumerate(drives)]
+    (answer,) = diagnose(robot, *([log] for log in logs)).answers
+    assert (answer.verdict, answer.credible) == ("named", ("tick_loss 3 2 forward",))
+    assert answer.size == pytest.approx(loss.value, rel=0.02)
 
 
 def gap_of(seen):
