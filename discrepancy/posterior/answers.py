@@ -13,7 +13,7 @@ from castor_envs.effects.encoders import LearnedTerm
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.posterior.single_effects import Posterior, SingleEffects
+from discrepancy.posterior.single_effects import Component, Posterior, SingleEffects
 
 
 class Cause(Protocol):
@@ -240,58 +240,71 @@ def answers_of(
     in_model (m,): sizes in the model. Of effects that are the same on this vehicle, that in the model gives the name.
     """
     modelled = [bool(np.any(in_model[columns])) for columns in seen.columns]
+    likeliest = [_likeliest(seen, single, posterior, component, places, modelled) for component in posterior.components]
     answers: dict[Cause, Answer] = {}
-    for j, component in enumerate(posterior.components):
-        credible = posterior.credible_set(component)
-        if not credible:
+    for component, best in zip(posterior.components, likeliest, strict=True):
+        if best is None:
             continue
-        probability = component.probability
+        candidate = places[best].candidate
+        cause, credible = seen.candidates[candidate], posterior.credible_set(component)
+        if cause in answers:  # of all components of one candidate, whose sizes are one
+            explained = answers[cause].explained + component.square
+            answers[cause] = dataclasses.replace(answers[cause], explained=explained)
+            continue
+        others = [
+            other
+            for other, k in zip(posterior.components, likeliest, strict=True)
+            if k is None or places[k].candidate != candidate
+        ]
         members = [k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name in credible]
-        identical = [k for k in members if single.hypotheses[k].name == credible[0]]
-        families = [seen.candidates[places[k].candidate].family for k in identical]
-        best = max(
-            identical,
-            key=lambda k: (
-                modelled[places[k].candidate],
-                seen.candidates[places[k].candidate].family == credible[0],  # which gave the name to all that are alike
-                probability[k],
-            ),
-        )
-        family = seen.candidates[places[best].candidate].family
-        same_candidate = [k for k in members if places[k].candidate == places[best].candidate]
-        weight = probability[same_candidate] / probability[same_candidate].sum()
-        mean, covariance = _mixed(weight, [single.sizes(posterior, score, j, k) for k in same_candidate])
-        called = {credible[0]: family} if credible[0] in families else {}
+        families = [
+            seen.candidates[places[k].candidate].family for k in members if single.hypotheses[k].name == credible[0]
+        ]
+        same_candidate = [k for k in members if places[k].candidate == candidate]
+        weight = component.probability[same_candidate] / component.probability[same_candidate].sum()
+        mean, covariance = _mixed(weight, [single.sizes(score, k, others) for k in same_candidate])
+        called = {credible[0]: cause.family} if credible[0] in families else {}
         shown = {
             called.get(name, name): p
             for name, p in posterior.probabilities(component).items()
             if p > SHOWN or name == credible[0]
         }
-        columns = seen.columns[places[best].candidate]
-        answer = Answer(
+        answers[cause] = Answer(
             probabilities=shown | ({"nothing": component.nothing} if component.nothing > SHOWN else {}),
             absent=component.nothing,
             credible=tuple(called.get(name, name) for name in credible),
-            alike=tuple(dict.fromkeys(name for name in families if called and name != family)),
+            alike=tuple(dict.fromkeys(name for name in families if called and name != cause.family)),
             unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),
-            candidate=seen.candidates[places[best].candidate],
+            candidate=cause,
             amplitudes=mean,
             covariance=covariance,
             hidden=float(weight @ [places[k].hidden for k in same_candidate]),
             explained=component.square,
-            cost=np.max(seen.cost[:, columns], axis=1),
+            cost=np.max(seen.cost[:, seen.columns[candidate]], axis=1),
         )
-        earlier = answers.get(answer.candidate)
-        answers[answer.candidate] = answer if earlier is None else _added(earlier, answer)
     return list(answers.values())
 
 
-def _added(first: Answer, second: Answer) -> Answer:
-    return dataclasses.replace(
-        first,
-        amplitudes=first.amplitudes + second.amplitudes,
-        covariance=first.covariance + second.covariance,
-        explained=first.explained + second.explained,
+def _likeliest(
+    seen: Seen,
+    single: SingleEffects,
+    posterior: Posterior,
+    component: Component,
+    places: Sequence[Place],
+    modelled: Sequence[bool],
+) -> int | None:
+    """Return the likeliest hypothesis of a component, of those that are the same on this vehicle preferably one in the
+    model; None if its likeliest value is "nothing"."""
+    credible = posterior.credible_set(component)
+    if not credible:
+        return None
+    return max(
+        (k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name == credible[0]),
+        key=lambda k: (
+            modelled[places[k].candidate],
+            seen.candidates[places[k].candidate].family == credible[0],  # which gave the name to all that are alike
+            component.probability[k],
+        ),
     )
 
 

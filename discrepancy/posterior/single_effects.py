@@ -143,10 +143,9 @@ class SingleEffects:
         best = max((self._converged(score, start, COMPETE) for start in starts), key=lambda found: found.bound)
         return self._converged(score, best.components, ROUNDS)
 
-    def sizes(self, posterior: Posterior, score: Array, component: int, k: int) -> tuple[Array, Array]:
-        """Return the sizes (c,) of hypothesis k, given that the component is this hypothesis, and their covariance (c,
-        c), whatever the sizes of the other components are."""
-        others = [summand for j, summand in enumerate(posterior.components) if j != component]
+    def sizes(self, score: Array, k: int, others: Sequence[Component]) -> tuple[Array, Array]:
+        """Return the sizes (c,) of hypothesis k, given that it is there, and their covariance (c, c), whatever the
+        sizes of the other components are."""
         turned, _, mixture, mean, variance = self._given(score, others)
         weight = np.exp(mixture[k])[:, None]
         average = np.sum(weight * mean[k], axis=0)

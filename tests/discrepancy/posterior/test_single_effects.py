@@ -46,7 +46,7 @@ def test_one_hypothesis_against_nothing_is_what_quadrature_says(size, least, mos
     log_factor = np.log(factor) + 2 * size**2 - 2 * (top - size) ** 2
     log_evidence = np.logaddexp(np.log(NOTHING), np.log(1 - NOTHING) + log_factor)
     assert found.bound == pytest.approx(log_evidence, abs=0.02)
-    sizes, covariance = one.sizes(found, score, 0, 0)
+    sizes, covariance = one.sizes(score, 0, found.components[1:])
     assert sizes[0] == pytest.approx(mean, rel=0.01, abs=0.02)
     assert covariance[0, 0] == pytest.approx(variance, rel=0.05)
 
@@ -77,7 +77,7 @@ def test_an_effect_of_two_sizes_is_found_in_any_mixture_of_them():
         single = SingleEffects(every, information)
         found = single.posterior(score)
         assert found.components[0].probability[0] > 0.99
-        sizes, covariance = single.sizes(found, score, 0, 0)
+        sizes, covariance = single.sizes(score, 0, found.components[1:])
         assert sizes == pytest.approx(3 * np.array([np.cos(angle), np.sin(angle)]), rel=0.05, abs=0.05)
         assert np.sqrt(np.diag(covariance)) == pytest.approx(np.full(2, 50**-0.5), rel=0.1)
 
@@ -95,9 +95,10 @@ def test_intervals_of_two_correlated_effects_are_those_of_least_squares():
     truth, covariance = np.array([1.0, -2.0]), np.linalg.inv(information)
     single = SingleEffects(hypotheses(2, 1.0), information)
     found = single.posterior(information @ truth)
-    for component in (0, 1):
-        k = int(np.argmax(found.components[component].probability))
-        sizes, squares = single.sizes(found, information @ truth, component, k)
+    for component in found.components[:2]:
+        k = int(np.argmax(component.probability))
+        others = [other for other in found.components if other is not component]
+        sizes, squares = single.sizes(information @ truth, k, others)
         assert sizes[0] == pytest.approx(truth[k], rel=1e-3)
         assert squares[0, 0] == pytest.approx(covariance[k, k], rel=0.01)
 
