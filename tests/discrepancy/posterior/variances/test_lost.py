@@ -45,8 +45,8 @@ def test_counts_lost_at_speed_do_not_pass_for_a_wheel_that_slips_at_a_time():
     robot = preset("asoc-full-scale")
     loss = replace(TickLoss.variants(robot)[10], value=0.3)
     drives = (wander(np.random.default_rng([16, k]), duration=30.0) for k in (1, 2))
-    logs = [drive(robot.with_effects(loss), motion, k, duration=30.0) for k, motion in enumerate(drives)]
-    (answer,) = diagnose(robot, *([log] for log in logs)).answers
+    log, held_out = (drive(robot.with_effects(loss), motion, k, duration=30.0) for k, motion in enumerate(drives))
+    (answer,) = diagnose(robot, [log], [held_out]).answers
     assert (answer.verdict, answer.credible) == ("named", ("tick_loss 3 2 forward",))
     assert answer.size == pytest.approx(loss.value, rel=0.02)
 
