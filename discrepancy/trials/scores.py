@@ -184,6 +184,12 @@ RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial]
     (f"poor motion, {PLAIN}: named exactly", "poor", Trial.plain, Trial.exact),
     ("poor motion: a sure name that is wrong", "poor", None, Trial.wrong),
     (
+        "all but wiring: a sure name that is wrong",
+        "",
+        lambda case: case.label["stratum"] != "wiring",
+        Trial.wrong,
+    ),
+    (
         "wiring: named, or refused with a reason",
         "wiring",
         None,
@@ -196,10 +202,10 @@ RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial]
         Trial.gap_grew,
     ),
     (
-        "  by more than the 95 % errors of the named sizes cost",
+        f"  by more than {MATTERING}, and than the 95 % errors of the named sizes cost",
         "",
         lambda case: case.outcome["gap"] is not None,
-        lambda case: case.gap_grew(case.cost_of_errors()),
+        lambda case: case.gap_grew(max(MATTERS, case.cost_of_errors())),
     ),
     ("the finder broke down", "", None, lambda case: case.verdict == "broken"),
 )

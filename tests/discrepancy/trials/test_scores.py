@@ -134,16 +134,25 @@ def test_gaps_that_grow_and_finders_that_break():
     assert rate_of([trial("clean", verdict="broken"), trial("clean")], "the finder broke") == (1, 2)
 
 
-@pytest.mark.parametrize(("after", "grew"), [(1.04e-3, 0), (1.06e-3, 1)])
+def test_wrong_names_count_whatever_is_hidden():
+    cases = [trial("two", ["track 1", "track 2"], ["track 1", "track 3"]), trial("clean", [], ["track 1"])]
+    cases += [trial("three", ["track 1"], ["track 1"]), trial("wiring", ["encoder_reversed 1 1"], ["track 1"])]
+    assert rate_of(cases, "all but wiring: a sure name that is wrong") == (2, 3)
+
+
+@pytest.mark.parametrize(("after", "grew"), [(2.04e-3, 0), (2.06e-3, 1)])
 def test_a_gap_that_grows_by_more_than_the_errors_of_sizes_cost(after, grew):
     sizes = [
-        {"class": "track 1", "low": 0.9, "high": 1.1, "cost": 3e-4, "effect": {"name": "track", "value": 1.0}},
-        {"class": "track 2", "low": -2.2, "high": -1.8, "cost": 4e-4, "effect": {"name": "track", "value": -2.0}},
+        {"class": "track 1", "low": 0.9, "high": 1.1, "cost": 6.3e-3, "effect": {"name": "track", "value": 1.0}},
+        {"class": "track 2", "low": -2.2, "high": -1.8, "cost": 8.4e-3, "effect": {"name": "track", "value": -2.0}},
         {"class": "track 3", "low": None, "high": None, "cost": 9.0, "effect": {"name": "track", "value": 1.0}},
-    ]  # 10 % of 0.3 and of 0.4 mm: 0.05 mm together
-    case = trial("one", ["track 1"], sizes=sizes, gap={"before": 1e-3, "after": after})
-    assert case.cost_of_errors() == pytest.approx(5e-5)
+    ]  # 10 % of 6.3 and of 8.4 mm: 1.05 mm together
+    case, exact = (trial("one", ["track 1"], sizes=of, gap={"before": 1e-3, "after": after}) for of in (sizes, []))
+    assert case.cost_of_errors() == pytest.approx(1.05e-3)
     assert rate_of([case], "something named", 1) == (grew, 1)
+    assert rate_of([exact], "something named", 1) == (1, 1)
+    slight = trial("one", ["track 1"], sizes=[], gap={"before": 1e-3, "after": 1.9e-3})
+    assert rate_of([slight], "something named", 1) == (0, 1)  # less than 1 mm
 
 
 def test_sizes_of_equivalent_effects():
