@@ -47,8 +47,8 @@ of its ends by a part of the step of the command times the period: 1/12 where th
 where it falls soon, and little where the command is no step."""
 
 EVIDENT = 2 * np.log(19)
-"""Least deviance that compliance has to explain (a likelihood ratio of 19) for such a mean to be taken off: stiff servos
-have no lag that falls."""
+"""Least deviance that compliance has to explain (a likelihood ratio of 19) for such a mean to be taken off: the lag of
+stiff servos does not fall."""
 
 
 class Pull(NamedTuple):
