@@ -309,19 +309,6 @@ class LostRemainders(Effect[RobotDescription]):
         count = 2 * math.pi / per_rev
         return on_channels(robot, [channel], losing(lambda t, turned: turned - np.trunc(turned / count) * count))
 
-    def turned(self, durations: Array, read: Array, likely: Array, count: float) -> Array:
-        """Return the angles (k,), rad, that the wheel turns in samples in which its encoder reads `read` (k,), rad.
-
-        Of all that are read so, they are the nearest to what is likely (k,), rad. durations (k,): of the samples, s.
-        count: angle of one count, rad.
-        """
-        whole, most = np.round(read / count), 1 - CLEAR
-        least = np.where(whole > 0, whole, whole - most)
-        return (
-            np.clip(likely / count, least + CLEAR * (whole > 0), np.where(whole < 0, whole - CLEAR, whole + most))
-            * count
-        )
-
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class LearnedTerm(Effect[RobotDescription]):

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from castor_envs.effects.encoders import LostRemainders, TickLoss
+from castor_envs.effects.encoders import TickLoss
 from castor_envs.effects.parts import channel
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
@@ -20,9 +20,6 @@ from estimators.likelihood.channels import Channels
 from estimators.likelihood.creep_prediction import DOUBT, UNEVEN, Slipping
 from estimators.likelihood.disagreement import slip_of_row
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
-
-Losing = TickLoss | LostRemainders
-"""Effects by which a wheel's encoder loses counts, so that it does not tell by itself how far the wheel turns."""
 
 AS_DESCRIBED, AS_USUAL, RIGID = 0.01, 0.05, 0.25
 """Prior standard deviations of the factor of creep under forces, as descriptions tell, and where clean logs do; where
@@ -214,12 +211,12 @@ def _plays(robot: RobotDescription, models: Sequence[LogLikelihood], at: State) 
 def _turned(
     robot: RobotDescription, channels: Channels, model: LogLikelihood, log: Log, seen: Array, state: Array
 ) -> Array:
-    """Return the counts (K, s + d) of a state; of a wheel whose encoder loses counts, those that explain the counts
-    seen (K, s + d) and are the likeliest: by the other wheels, as its own do not tell how fast it turns, or, where
-    these do not tell either, by the state's poses, which follow the reference."""
+    """Return the counts (K, s + d) of a state; of a wheel whose encoder loses counts at speed, those that explain the
+    counts seen (K, s + d) and are the likeliest: by the other wheels, as its own do not tell how fast it turns, or,
+    where these do not tell either, by the state's poses, which follow the reference."""
     counts, lost = state[:, 3:].copy(), {}
     for effect in robot.effects:
-        if isinstance(effect, Losing):
+        if isinstance(effect, TickLoss):
             column = _column(robot, channels, effect)
             read, likely, per_count = wheel_readings(robot, channels, model, state, effect, seen)
             missing = effect.turned(np.diff(log.t), read, likely, per_count) - read
@@ -230,7 +227,7 @@ def _turned(
 
 
 def wheel_readings(
-    robot: RobotDescription, channels: Channels, model: LogLikelihood, state: Array, effect: Losing, seen: Array
+    robot: RobotDescription, channels: Channels, model: LogLikelihood, state: Array, effect: TickLoss, seen: Array
 ) -> tuple[Array, Array, float]:
     """Return the angles (K - 1,) that a wheel turns by its encoder, and those by the other wheels, or, where these do
     not tell, by the state's poses, rad; and the angle of one count. seen (K, s + d): counts."""
@@ -245,7 +242,7 @@ def wheel_readings(
     return read, read + slip / geometry.radius[k], per_count
 
 
-def _column(robot: RobotDescription, channels: Channels, effect: Losing) -> int:
+def _column(robot: RobotDescription, channels: Channels, effect: TickLoss) -> int:
     """Return the column of a wheel's encoder."""
     k = channel(robot, effect.castor, effect.wheel, effect.name)
     return len(channels.sensed) + int(np.searchsorted(channels.driven, k))

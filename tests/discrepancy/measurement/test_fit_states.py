@@ -9,7 +9,7 @@ import pytest
 from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.contact import SlipStiffness
 from castor_envs.effects.dimensions import Track, WheelRadius
-from castor_envs.effects.encoders import LostRemainders, PivotBacklash, TickLoss
+from castor_envs.effects.encoders import PivotBacklash, TickLoss
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
@@ -124,31 +124,6 @@ def test_a_wheel_at_the_very_speed_reads_what_it_read(direction):
     turned = effect.turned(durations, read, limit * np.where(lost, 1.02, 0.98), count)
     again = np.diff(1e4 * count + np.cumsum(np.append(0.0, turned)))
     assert np.array_equal(sign * again > effect.above * durations, lost)
-
-
-def test_a_wheel_that_loses_remainders_turned_by_angles_that_are_read_so():
-    random, count = np.random.default_rng(3), 0.003
-    effect = LostRemainders(castor=1, wheel=1)
-    angle = count * random.uniform(-4, 4, 4000)
-    read = np.trunc(angle / count) * count
-    for error in (0.1, 3.0):
-        likely = angle + error * count * random.standard_normal(4000)
-        turned = effect.turned(np.full(4000, 0.05), read, likely, count)
-        again = np.diff(1e4 * count + np.cumsum(np.append(0.0, turned)))
-        np.testing.assert_array_equal(np.round(np.trunc(again / count) * count / count), np.round(read / count))
-        assert np.all(np.abs(turned - angle) <= np.minimum(np.abs(likely - angle), 2 * count) + 1e-9)
-
-
-@pytest.mark.parametrize("name", ["1-castor", "differential", "tricycle"])
-def test_remainders_that_no_other_wheel_shows_are_put_back_by_the_reference(name):
-    """A mean of half a count a sample leaves 50, 50 and 4 mm: at the same speed the same remainder is lost."""
-    described = preset(name)
-    robot = described.with_effects(LostRemainders.variants(described)[0])
-    motion = wander(np.random.default_rng([7, 1]), duration=40.0, holonomic=moves_sideways(described))
-    log = drive(robot, motion, 7, duration=40.0)
-    (unaware, _), (aware, _) = (linearise(vehicle, [log], among=[]).gap or (0.0, 0.0) for vehicle in (described, robot))
-    assert unaware > 0.03
-    assert aware < 0.003
 
 
 def test_jitter_is_uncertainty_of_where_the_robot_was():
