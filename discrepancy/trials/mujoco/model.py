@@ -100,8 +100,8 @@ def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
             f"robot {robot.name!r} has tyres that hold better than described; MuJoCo's contacts are almost rigid "
             "already, and tyres can but slip more: give slip stiffnesses below 0"
         )
-    axles = geometry.radius - geometry.radius.max()
     height = float(geometry.radius.max())
+    axles = geometry.radius - height
     root = ET.Element("mujoco")
     element(root, "compiler", angle="radian", autolimits="true", inertiafromgeom="false")
     option = element(
