@@ -8,9 +8,11 @@ in any time, with phi the angle of each wheel and c the servos' compliance (rad/
 Forces by which wheels are driven against each other cancel, as they do no work where wheels roll. The starts and stops
 of a log determine c, with an error that is part of a slope's. Steps without a command and gaps of a log say nothing;
 after each, an integrator begins anew. Nuisances: a constant error of how far each wheel is behind, one in proportion to
-its rate or angle, friction, and the servos' delay. Noise of windows is white; besides, an integrator that is held at
-its limit loses count, so how far a wheel is behind wanders, the more the more it lags in rate. Each log shows the size
-of both.
+its rate or angle, friction, and, known to within a standard deviation, what happens within a sample: a servo that does
+not integrate acts at any time in it; the integral of one that does has another mean than that of a sample's ends, as
+commands step at each sample and wheels follow within it. Noise of windows is white; besides, an integrator that is held
+at its limit loses count, so how far a wheel is behind wanders, the more the more it lags in rate. Each log shows the
+size of both.
 """
 
 from collections.abc import Iterator, Sequence
@@ -38,8 +40,15 @@ WANDERING = (0.0, *np.geomspace(0.01, 1000.0, 11).tolist())
 DEPENDENT = 1e-8
 """Singular value, as a part of the largest, below which columns of length 1 are dependent."""
 
-SAMPLING = 12**-0.5
-"""Standard deviation of a proportional servo's delay, in sample periods: commands act at any time within one."""
+WITHIN = {False: (0.0, 12**-0.5), True: (-1 / 16, 1 / 48)}
+"""Mean and standard deviation of what happens within samples, for servos that integrate (True) and others. Commands act
+on these at any time within a sample, which is a delay in sample periods. An integral's mean over a sample exceeds that
+of its ends by a part of the step of the command times the period: 1/12 where the lag falls evenly within a sample, less
+where it falls soon, and little where the command is no step."""
+
+EVIDENT = 2 * np.log(19)
+"""Least deviance that compliance has to explain (a likelihood ratio of 19) for such a mean to be taken off: of stiff
+servos no lag falls."""
 
 
 class Pull(NamedTuple):
@@ -53,23 +62,25 @@ class Pull(NamedTuple):
 
 class _Rows(NamedTuple):
     """Rows of W windows. work (W, 1): of servos, in units of c. gained (W, 1): energy, J. moved (W, 2): mass times way
-    in N, kg m. turned (W, d): angle by which each driven wheel turns, rad. others (W, n): further nuisances. delayed
-    (W, 1 or 0): column of a delay, if it resembles that of inertia. wandered (W, d): how much the wheels have wandered,
-    in any unit. counted (W, 1): how much each row counts."""
+    in N, kg m. turned (W, d): angle by which each driven wheel turns, rad. others (W, n): further nuisances. sampled
+    (W, 1): how work differs by what happens within samples, up to a factor that is known to within a standard deviation
+    (`WITHIN`). wandered (W, d): how much the wheels have wandered, in any unit. counted (W, 1): how much each row
+    counts."""
 
     work: Array
     gained: Array
     moved: Array
     turned: Array
     others: Array
-    delayed: Array
+    sampled: Array
     wandered: Array
     counted: Array
 
 
 class _Fit(NamedTuple):
-    """explained: the deviance that compliance explains, were there no delay; information (2, 2) and score (2,) of the
-    accelerations (m/s2) that add to the downhill gravity of the robot's floor, 0 where servos do not comply."""
+    """explained: the deviance that compliance explains, whatever happens within samples; information (2, 2) and score
+    (2,) of the accelerations (m/s2) that add to the downhill gravity of the robot's floor, 0 where servos do not
+    comply."""
 
     explained: float
     information: Array
@@ -87,10 +98,10 @@ def pull_of(robot: RobotDescription, log: Log, motion: Motion, candidates: Seque
             pulls[:, k] = (steeper - floor.downhill_gravity) / kind[0].value
     information, score = np.zeros((2, 2)), np.zeros(2)
     if log.command is not None and robot.driven_wheels:
-        kinds = [_rows(robot, log.command[:-1], motion, integrates=integrates) for integrates in (False, True)]
-        windows, delay = len(kinds[0].work), SAMPLING * float(np.median(motion.period))
+        kinds = [(integrates, _rows(robot, log.command[:-1], motion, integrates=integrates)) for integrates in WITHIN]
+        windows = len(kinds[0][1].work)
         for part in np.array_split(np.arange(windows), -(-windows // MOST)):
-            fits = [_fitted(_Rows(*(of[part] for of in rows)), delay) for rows in kinds]
+            fits = [_fitted(_Rows(*(of[part] for of in rows)), *WITHIN[integrates]) for integrates, rows in kinds]
             fit = max((fit for fit in fits if fit is not None), key=lambda fit: fit.explained, default=None)
             if fit is not None:
                 information, score = information + fit.information, score + fit.score
@@ -108,42 +119,50 @@ def _rows(robot: RobotDescription, command: Array, motion: Motion, *, integrates
     silent = ~np.all(np.isfinite(command), axis=1) | gap
     counted = ~silent[:, None]
     counted[np.convolve(gap, np.ones(5), mode="same") > 0] = False  # energies depend on two steps before and after
-    lag = np.where(counted, np.clip(command, -built.max_wheel_speed, built.max_wheel_speed) - rate, 0.0)
+    command = np.clip(command, -built.max_wheel_speed, built.max_wheel_speed)
+    lag = np.where(counted, command - rate, 0.0)
     rate = smoothed(rate)
     turned = rate * period
     if integrates:
+        step = np.where(counted, np.diff(command, axis=0, prepend=command[:1]), 0.0) * period
+        step[~np.isfinite(step)] = 0.0  # after a silence
         behind = np.cumsum(lag * period, axis=0) - lag * period / 2
+        sampled = _summed(step * turned)
         others = [turned * (angle[1:] + angle[:-1]) / 2, _summed(turned * rate), _summed(turned * lag)]
         outages = np.cumsum(np.diff(silent.astype(int), prepend=0) > 0)[:, None]
         others += [turned * (outages == outage) for outage in range(1, int(outages[-1, 0]) + 1)]
     else:
         behind, others = lag, [turned * rate]
+        sampled = float(np.median(period)) * _gained(_summed(rate**2) / 2)
     others = np.concatenate([*others, _summed(np.abs(turned))], axis=1)
-    delayed = _gained(_summed(rate**2) / 2)[:, int(integrates) :]
     energy, weighed = _summed(np.array([built.wheels[k].inertia for k in driven]) * rate**2) / 2, np.zeros((1, 2))
+    trailing = [wheel for k, wheel in enumerate(built.wheels) if k not in driven]
+    spinning = sum(wheel.inertia / wheel.radius**2 for wheel in trailing)  # as a mass, for these roll with the chassis
     for mass, inertia, place, heading in _bodies(built, motion):
         speed, turning = (smoothed(np.diff(of, axis=0) / period) for of in (place, heading[:, None]))
-        energy += (mass * _summed(speed**2) + inertia * turning**2) / 2
+        energy += ((mass + spinning) * _summed(speed**2) + inertia * turning**2) / 2
+        spinning = 0.0
         weighed = weighed + mass * place
     moved, pull = np.diff(weighed, axis=0), np.array(floor_of(robot, Floor()).downhill_gravity)
-    parts = [_summed(behind * turned), _gained(energy) - moved @ pull[:, None], moved, turned, others, delayed]
+    parts = [_summed(behind * turned), _gained(energy) - moved @ pull[:, None], moved, turned, others, sampled]
     parts = [part * counted for part in parts]
 
     starts = np.arange(0, len(period), max(round(WINDOW / float(np.median(period))), 1))
     size = np.sqrt(np.add.reduceat(_summed(turned * rate) * counted, starts))
     usual = np.hypot(size, np.median(size) / 4) + 1e-12  # at rest, where nothing says how large
     wandered = np.cumsum(np.add.reduceat(lag**2 * period, starts), axis=0)
-    work, gained, moved, turned, others, delayed = (np.add.reduceat(part, starts) / usual for part in parts)
-    return _Rows(work, gained, moved, turned, others, delayed, wandered, (size / usual) ** 2)
+    work, gained, moved, turned, others, sampled = (np.add.reduceat(part, starts) / usual for part in parts)
+    return _Rows(work, gained, moved, turned, others, sampled, wandered, (size / usual) ** 2)
 
 
-def _fitted(rows: _Rows, delay: float) -> _Fit | None:
-    """Return the likeliest fit; None where there are too few rows. delay: its standard deviation, s."""
+def _fitted(rows: _Rows, within: float, doubt: float) -> _Fit | None:
+    """Return the likeliest fit; None where there are too few rows. within, doubt: mean and standard deviation of what
+    happens within samples (`WITHIN`)."""
     index, wandered = np.arange(len(rows.work)), rows.wandered - rows.wandered[0]
     covariance = np.einsum("iw,jw,ijw->ij", rows.turned, rows.turned, wandered[np.minimum.outer(index, index)])
     variance, turn = np.linalg.eigh(covariance / max(float(np.mean(np.diag(covariance))), 1e-30))
     known = turn.T @ np.concatenate([rows.gained, rows.moved, rows.work], axis=1)
-    others, delayed = turn.T @ np.concatenate([rows.turned, rows.others], axis=1), turn.T @ rows.delayed
+    others, sampled = turn.T @ np.concatenate([rows.turned, rows.others], axis=1), turn.T @ rows.sampled
     likeliest, explained, noise, weight = -np.inf, 0.0, 1.0, np.ones((len(known), 1))
     for wandering in WANDERING:
         tried = 1 / np.sqrt(1 + wandering * np.maximum(variance[:, None], 0.0))
@@ -158,9 +177,11 @@ def _fitted(rows: _Rows, delay: float) -> _Fit | None:
             stiff, *_ = _beside(left[:, 3:], left[:, 1:3])
             explained = float(np.copysign(np.sum(stiff**2 - remaining**2) / size, by[0, 0]))
             likeliest, noise, weight = likelihood, size, tried
-    prior = np.sqrt(noise) / delay * np.eye(delayed.shape[1])
-    nuisances = np.block([[others * weight, delayed * weight], [np.zeros((len(prior), others.shape[1])), prior]])
-    left, *_ = _beside(np.concatenate([known * weight, np.zeros((len(prior), 4))]), nuisances)
+    if explained > EVIDENT:
+        known[:, 3:] -= within * sampled
+    prior = np.append(np.zeros(others.shape[1]), np.sqrt(noise) / doubt)
+    nuisances = np.concatenate([np.concatenate([others, sampled], axis=1) * weight, prior[None]])
+    left, *_ = _beside(np.concatenate([known * weight, np.zeros((1, 4))]), nuisances)
     _, (compliance, *lifted), _ = _beside(left[:, 3:], left[:, :3])
     if compliance <= 0:
         return _Fit(explained, np.zeros((2, 2)), np.zeros(2))

@@ -1,6 +1,7 @@
 """Which effects come into the model: those that the posterior names beside it, unless fits contradict them, until the
 names stay the same."""
 
+import dataclasses
 import itertools
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, NamedTuple
@@ -18,6 +19,7 @@ from discrepancy.posterior.model.refit import (
     S,
     Sized,
     families_of,
+    fit_with,
     in_place_of,
     possible,
     refitted,
@@ -89,7 +91,7 @@ def named_together(
             if families not in tried:
                 break
         if len(tried) > LOOKS:
-            return named, seen, posterior, answers
+            return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)
         if families not in tried:
             tried.append(families)
             better = refitted(vehicle, look, named, new, seen)
@@ -112,7 +114,7 @@ def named_together(
             same = _same(answers, seen)
             better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
-                return named, seen, posterior, answers
+                return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)
             tried.append(families_of(better[0]))
             if families_of(better[0]) < in_model:
                 needless |= {(families_of(better[0]), family) for family in in_model - families_of(better[0])}
@@ -178,6 +180,27 @@ def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> A
         hidden=seen.masked,
         explained=2 * gain,
     )
+
+
+def _as_fitted(vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Sequence[Sized], seen: S) -> list[Answer]:
+    """Return the answers with the sizes that effects have in the model, where a fit contradicts those that the
+    posterior gives: logs are then less likely than the linear formula says, as it holds for small changes only."""
+    told = {answer.candidate: answer for answer in answers}
+    there = [effect for effect in named if effect.candidate in told and effect.candidate in seen.candidates]
+    changes = [told[effect.candidate].amplitudes - effect.amplitudes for effect in there]
+    if not any(np.linalg.norm(by) > told[one.candidate].error for one, by in zip(there, changes, strict=True)):
+        return list(answers)
+    moved = [effect.moved(by) for effect, by in zip(there, changes, strict=True)]
+    statistics, change = statistics_of(there, seen), np.concatenate(changes)
+    gain = float(statistics.score @ change - change @ statistics.information @ change / 2)
+    others = [effect for effect in named if effect not in there]
+    found = fit_with(vehicle, look, (*moved, *others), seen)
+    if found is not None and found.log_evidence > seen.log_evidence + gain - LOG_ODDS:
+        return list(answers)
+    fitted = {effect.candidate: effect.amplitudes for effect in there}
+    return [
+        dataclasses.replace(answer, amplitudes=fitted.get(answer.candidate, answer.amplitudes)) for answer in answers
+    ]
 
 
 def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[tuple[Sized, ...]]:

@@ -145,6 +145,18 @@ def driven(name, slope=0.0, seed=1):
     return robot, drive(robot.with_effects(FloorSlope(direction="x", value=slope)), course, seed, duration=40.0)
 
 
+@pytest.mark.parametrize("name", ["differential", "asoc-prototype", "tricycle"])
+def test_a_slope_is_as_steep_as_commands_say_to_within_the_error(name):
+    """Commands step at each sample, and wheels follow within it: 7 % too steep with the mean of a sample's ends."""
+    robot, log = driven(name, 0.09)
+    (seen,) = linearise(robot.with_effects(FloorSlope(direction="x", value=0.09)), [log]).pulls
+    slopes = np.flatnonzero(np.diag(seen.information))
+    off = np.linalg.solve(seen.information[np.ix_(slopes, slopes)], seen.score[slopes])
+    error = np.sqrt(np.diag(np.linalg.inv(seen.information[np.ix_(slopes, slopes)])))
+    assert np.all(np.abs(off) < 2.5 * error)
+    assert np.all(error < 0.03 * 0.09)
+
+
 @pytest.mark.parametrize("slope", [0.01, -0.01])
 def test_commands_name_a_slope_that_is_unseen_without_them(slope):
     robot, log = driven("differential", slope)

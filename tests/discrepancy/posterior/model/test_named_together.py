@@ -10,6 +10,7 @@ from castor_envs.effects.dimensions import PivotPositionX
 from castor_envs.effects.encoders import PivotGain
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.model.named_together import Asked, named_together
 from discrepancy.posterior.model.refit import families_of
@@ -20,12 +21,23 @@ PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),
 GAIN = Candidate("gain", (PivotGain(castor=1, value=PivotGain.step),))
 
 
-def answer(candidate, *credible) -> Any:
-    size = np.array([candidate.kinds[0].step])
-    effect = candidate.effect(size)
-    return SimpleNamespace(
-        candidate=candidate, amplitudes=size, effect=effect, explained=10.0, credible=credible, alike=()
+def answer(candidate, *credible, size=1.0) -> Answer:
+    """The answer on an effect of a size in steps, known to a thousandth of a step."""
+    amplitudes = size * np.array([candidate.kinds[0].step])
+    return Answer(
+        probabilities={candidate.family: 1.0},
+        credible=credible,
+        unnamed=False,
+        candidate=candidate,
+        amplitudes=amplitudes,
+        covariance=np.diag((0.001 * amplitudes / size) ** 2),
+        cost=np.zeros(2),
+        explained=10.0,
     )
+
+
+def posterior_of(names) -> Any:
+    return SimpleNamespace(names=names)
 
 
 def in_model(posterior, likelier, statistics_of):
@@ -42,9 +54,6 @@ def in_model(posterior, likelier, statistics_of):
         answers = [answer(names[0], *(candidate.family for candidate in names)) for names in left if names]
         none = np.zeros((len(seen.candidates), len(seen.candidates)))
         return Asked(posterior_of(NAMES), answers, GoodOrder(np.diag(none), none, none))
-
-    def posterior_of(names) -> Any:
-        return SimpleNamespace(names=names)
 
     named, *_, answers = named_together(ROBOT, look, ask, look(()))
     assert families_of(named) == {answer.candidate.family for answer in answers}
@@ -79,3 +88,21 @@ def test_of_two_effects_that_the_posterior_loses_the_needless_one_is_refused(sta
     posterior = {NONE: [[PLACE]], OF_PLACE: [[PLACE], [GAIN]], BOTH: []}
     likelier = {NONE: 0.0, OF_PLACE: 40.0, OF_GAIN: 35.0, BOTH: 42.0}
     assert in_model(posterior, likelier, statistics_of) == OF_PLACE
+
+
+@pytest.mark.parametrize(("less_likely", "told"), [(LOG_ODDS + 0.1, "as fitted"), (LOG_ODDS - 0.1, "by the posterior")])
+def test_a_size_is_told_as_fitted_where_a_fit_contradicts_the_posterior(less_likely, told, statistics_of):
+    """The posterior gives twice the size in the model, which by its formula is as likely."""
+
+    def look(effects, *_) -> Any:
+        doubled = any(effect.size > effect.candidate.kinds[0].step for effect in effects)
+        evidence = (50.0 if effects else 0.0) - less_likely * doubled
+        return statistics_of([effect.candidate for effect in effects], np.zeros((len(effects), len(effects))), evidence)
+
+    def ask(seen, named, _) -> Any:
+        none = np.zeros((len(seen.candidates), len(seen.candidates)))
+        answers = [answer(PLACE, PLACE.family, size=2.0 if named else 1.0)]
+        return Asked(posterior_of(NAMES), answers, GoodOrder(np.diag(none), none, none))
+
+    *_, (found,) = named_together(ROBOT, look, ask, look(()))
+    assert found.size == pytest.approx(PLACE.kinds[0].step * (1 if told == "as fitted" else 2))
