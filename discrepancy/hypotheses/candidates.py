@@ -104,6 +104,11 @@ class Candidate:
         return any(type(kind) is type(effect) and place_of(kind) == place_of(effect) for kind in self.kinds)
 
 
+SWAYING = Candidate("reference sways with acceleration")
+"""An unnamed alternative: poses of the reference are off in proportion to the tracked point's acceleration, as on a
+soft mast, or by a filter."""
+
+
 def place_of(effect: Effect) -> dict[str, object]:
     """Return the fields of an effect that define its place: all but its name, amplitude and phase."""
     return {f.name: getattr(effect, f.name) for f in fields(effect) if f.name not in ("name", "value", "phase")}
@@ -140,8 +145,9 @@ class Signatures:
 
     The first G columns are of `geometries`, changed by `steps` (G,); the other R of `readings` (K, s + d, R), counts
     read too much per unit, of `slips` (K - 1, w + n, R), m per unit that wheels roll and castors move to their side,
-    and of `rates` (R,), rate of the reference's clock, and `gyro_scales` (R,), part by which the gyro reads too much,
-    per unit. places: which of the R are at a place on the floor.
+    and of `rates` (R,), rate of the reference's clock, `sways` (R,), by how much its poses are off in proportion to the
+    tracked point's acceleration, s2, and `gyro_scales` (R,), part by which the gyro reads too much, per unit.
+    places: which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
@@ -150,6 +156,7 @@ class Signatures:
     readings: SparseColumns
     slips: SparseColumns
     rates: Array
+    sways: Array
     gyro_scales: Array
     places: tuple[int, ...]
 
@@ -185,7 +192,7 @@ def signatures_of(
 
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, SparseColumns, SparseColumns]] = []
-    unread: list[Candidate] = []  # by encoders: rates of clocks, and scales of gyros
+    unread: list[Candidate] = []  # by encoders: rates of clocks, scales of gyros, and what sways
     motion = channels.motion(log, state, consistent_wheels=True)
     swept = np.ptp(motion.castor_angle, axis=0)
     slip_rows = motion.wheel_angle.shape[1] + motion.castor_angle.shape[1]
@@ -225,6 +232,7 @@ def signatures_of(
     if among is None:
         read += [misreading(candidate, excess) for candidate, excess in _misread(channels, log, counts, score, of)]
         read += [slipping(candidate, slips) for candidate, slips in _slipping(robot, motion)]
+        unread += [SWAYING] if log.reference is not None else []
     read += [misreading(candidate, np.zeros((*counts.shape, 1))) for candidate in unread]
     of_columns = [candidate for candidate, _, _ in read for _ in range(candidate.columns)]
     return Signatures(
@@ -234,6 +242,7 @@ def signatures_of(
         SparseColumns.joined([excess for _, excess, _ in read], counts.shape),
         SparseColumns.joined([slips for _, _, slips in read], (len(counts) - 1, slip_rows)),
         np.array([_per_unit(rate_of, candidate) for candidate in of_columns]),
+        np.array([float(candidate == SWAYING) for candidate in of_columns]),
         np.array([_per_unit(gyro_scale_of, candidate) for candidate in of_columns]),
         tuple(k for k, candidate in enumerate(of_columns) if candidate.at_a_place),
     )
@@ -371,7 +380,7 @@ def _misread(channels: Channels, log: Log, counts: Array, score: Array, of: str)
         later = np.abs(np.cumsum(score[:0:-1, c])[::-1])[ends : len(counts) - 1 - ends]
         jump = 1 + ends + int(np.argmax(later))
         yield alone(f"jumps at {log.t[jump]:.1f} s{of}", np.where(samples >= jump, 1.0, 0.0))
-        for times in (2, 3) if np.ptp(angle) >= SWEPT else ():
-            yield alone(f"repeats {times} times a turn", np.sin(times * angle), np.cos(times * angle))
+        if np.ptp(angle) >= SWEPT:
+            yield alone("repeats every turn", *(of(k * angle) for k in (1, 2, 3) for of in (np.sin, np.cos)))
         yield alone("reads too much with speed", np.cumsum(speed[:, c] * np.abs(speed[:, c]) * np.gradient(log.t)))
         yield alone("drifts with time", log.t - log.t[0])

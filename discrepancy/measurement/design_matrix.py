@@ -45,8 +45,9 @@ class Made(NamedTuple):
 class DesignMatrix:
     """The columns of one log's linear problem about a state, which are made when they are asked for, and kept until
     `forget`. candidates: with the columns of their amplitudes in sequence, the first of `geometries`. rates (R,): rate
-    of the reference's clock, s/s; gyro_scales (R,): part by which the gyro reads too much; rate: of that clock, if
-    it is known, s/s. creep (K - 1, rows, 1 + rows): known up to factors (`SharedNuisances`)."""
+    of the reference's clock, s/s; sways (R,): by how much its poses are off in proportion to acceleration, s2;
+    gyro_scales (R,): part by which the gyro reads too much; rate: of that clock, if it is known, s/s.
+    creep (K - 1, rows, 1 + rows): known up to factors (`SharedNuisances`)."""
 
     model: LogLikelihood
     geometry: Geometry
@@ -56,6 +57,7 @@ class DesignMatrix:
     geometries: tuple[Geometry, ...]
     steps: Array
     rates: Array
+    sways: Array
     gyro_scales: Array
     rate: float | None
     creep: SparseColumns
@@ -97,6 +99,7 @@ class DesignMatrix:
             geometries=found.geometries,
             steps=found.steps,
             rates=found.rates,
+            sways=found.sways,
             gyro_scales=found.gyro_scales,
             rate=rate,
             creep=SparseColumns.of(slipping.columns()),
@@ -119,7 +122,7 @@ class DesignMatrix:
         """Return the log's statistics of amplitudes, factors of creep, and constant creep of every wheel and castor;
         with `only`: of these candidates, without constant creep."""
         made, always = self.made, []
-        rates, scales = self.rates, self.gyro_scales
+        numbers = self.rates, self.sways, self.gyro_scales
         changes = made.changes
         if only is None:
             always = [SparseColumns.diagonal(self.model.rolled(self.geometry, self.state))]
@@ -134,11 +137,10 @@ class DesignMatrix:
                 readings=made.readings.only(of_readings.tolist()),
                 slips=made.slips.only(of_readings.tolist()),
             )
-            rates, scales = rates[of_readings], scales[of_readings]
+            numbers = tuple(of_effects[of_readings] for of_effects in numbers)
         parts = (changes.slips, self.creep, *always)
-        others = sum(part.shape[-1] for part in parts) - len(rates)
-        rates, scales = (np.pad(of_effects, (0, others)) for of_effects in (rates, scales))
-        extra = ExtraColumns(changes.readings, parts, rates, scales)
+        others = sum(part.shape[-1] for part in parts) - len(numbers[0])
+        extra = ExtraColumns(changes.readings, parts, *(np.pad(of_effects, (0, others)) for of_effects in numbers))
         at = self.geometry, changes.changed, changes.change, self.state, self.clock
         return self.model.reduce(*at, mount, noise, probes, extra, self.rate)
 

@@ -45,6 +45,9 @@ COUNTS, SLIP = 0.2, 3e-5
 """Size of unnamed alternatives in a robot in good order: rms reading error in counts, or rms slip as a part of the
 way."""
 
+SWAY = 2e-4
+"""s2: how much a reference in good order is off in proportion to acceleration: as a mast of 11 Hz."""
+
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
@@ -180,19 +183,22 @@ def linearise(
     place = dict(zip(candidates, columns, strict=True))
     count = sum(candidate.columns for candidate in candidates)
     usual, costs = np.full(count, np.nan), []
-    for model, design, state in zip(models, designs, at.states, strict=True):
+    for model, design, state, clock in zip(models, designs, at.states, at.clocks, strict=True):
         parts = [place[candidate] for candidate in design.candidates]
         indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
         unnamed = np.array(
             [not candidate.kinds for candidate in design.candidates for _ in range(candidate.columns)], dtype=bool
         )
         usual[indices[unnamed]] = _usual(design)[unnamed]
+        usual[indices[len(design.steps) :][design.sways != 0]] = SWAY
         if robot.gyro is not None:
             usual[indices[len(design.steps) :][design.gyro_scales != 0]] = robot.gyro.scale_tolerance
         cost = np.zeros((2, count))
         missing = (model.missing(design.made.changes, steps) for steps in blocks(len(state) - 1))
         cost[:, indices] = cost_of_sizes(missing, state[:, :3])
         cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
+        if np.any(design.sways):
+            cost[0, indices[len(design.steps) :]] += model.acceleration(state, clock, at.mount) * design.sways
         cost[1, indices[len(design.steps) :]] += 2 * np.pi * np.abs(design.gyro_scales)  # of a heading by the gyro
         costs.append(cost)
     disagreements = tuple(

@@ -41,7 +41,7 @@ which the start from nothing would select."""
 class Hypothesis:
     """A hypothesis: an effect that may be present.
 
-    name: hypotheses of one name are one answer. direction (m, c): change of b per unit of each of its c sizes, 1 or 2.
+    name: hypotheses of one name are one answer. direction (m, c): change of b per unit of each of its c sizes.
     scale: median of the absolute size before logs are seen. prior: relative prior probability among the hypotheses.
     least, most: bounds of a single size.
     """
@@ -118,21 +118,23 @@ class SingleEffects:
         """information (m, m), positive semidefinite."""
         self.hypotheses, self.information = tuple(hypotheses), information
         h, m = len(self.hypotheses), len(information)
-        self._rays = np.zeros((2 * h, m))
-        self._double = np.array([hypothesis.direction.shape[1] > 1 for hypothesis in self.hypotheses], dtype=bool)
+        sizes = np.array([hypothesis.direction.shape[1] for hypothesis in self.hypotheses], dtype=np.intp)
+        self._most_sizes, self._several = int(sizes.max(initial=1)), sizes > 1
+        self._rays = np.zeros((h * self._most_sizes, m))
         for k, hypothesis in enumerate(self.hypotheses):
-            self._rays[2 * k : 2 * k + hypothesis.direction.shape[1]] = hypothesis.direction.T
-        self._seen = _blocks(self._rays @ information, self._rays)
+            self._rays[self._most_sizes * k :][: sizes[k]] = hypothesis.direction.T
+        self._seen = self._blocks(self._rays @ information, self._rays)
         self._axes = self._axes_of(self._seen)
         numbers = np.array(
             [(hypothesis.scale, hypothesis.prior, hypothesis.least, hypothesis.most) for hypothesis in self.hypotheses]
         ).reshape(h, 4)
         self._log_prior = np.log(numbers[:, 1] / numbers[:, 1].sum()) + np.log1p(-NOTHING)
-        self._least, self._most = (np.where(self._double, end, numbers[:, k]) for k, end in ((2, -np.inf), (3, np.inf)))
+        ends = ((numbers[:, 2], -np.inf), (numbers[:, 3], np.inf))
+        self._least, self._most = (np.where(self._several, free, end) for end, free in ends)
         self._precision = (numbers[:, :1] * SCALES)[:, :, None] ** -2.0  # (h, scales, 1)
         self._bounded = np.isfinite(self._least) | np.isfinite(self._most)
-        ends = (end[self._bounded, None] / (numbers[self._bounded, :1] * SCALES) for end in (self._least, self._most))
-        self._log_allowed = np.logaddexp.reduce(LOG_WEIGHTS + _cut(*ends)[0], axis=1)  # mass of the prior within bounds
+        cuts = (end[self._bounded, None] / (numbers[self._bounded, :1] * SCALES) for end in (self._least, self._most))
+        self._log_allowed = np.logaddexp.reduce(LOG_WEIGHTS + _cut(*cuts)[0], axis=1)  # mass of the prior within bounds
 
     def posterior(self, score: Array, count: int = MOST) -> Posterior:
         """Return the posterior of a sum of `count` single effects, given the score (m,) at b = 0."""
@@ -185,47 +187,54 @@ class SingleEffects:
         weight = probability[:, None, None] * np.exp(mixture)[:, :, None]
         along = np.einsum("hij,hkj->hi", turned, weight * mean)
         squares = np.einsum("hki,hkj->hij", weight * mean, mean)
-        squares[:, [0, 1], [0, 1]] += np.sum(weight * variance, axis=1)
+        each = np.arange(self._most_sizes)
+        squares[:, each, each] += np.sum(weight * variance, axis=1)
         squares = turned @ squares @ np.swapaxes(turned, 1, 2)
         expected, square = along.ravel() @ self._rays, float(np.sum(self._seen * squares))
         divergence = float(score @ expected) - square / 2 - log_evidence
         return Component(float(np.exp(np.log(NOTHING) - log_evidence)), probability, expected, square, divergence)
 
     def _beside(self, score: Array, others: Sequence[Component]) -> tuple[Array, Array]:
-        """Return information (h, 2, 2) and score (h, 2) of the sizes of every hypothesis beside other components.
+        """Return information (h, c, c) and score (h, c) of the sizes of every hypothesis beside other components.
 
         Components that are more likely there than not keep what they are, but their sizes are integrated out: the size
         of a component and those of others are correlated. Of the others the mean is subtracted.
         """
         there = [component for component in others if component.nothing < 0.5 and np.any(component.mean)]
         score = score - self.information @ sum((o.mean for o in others if o not in there), np.zeros(len(score)))
-        slope, seen = (self._rays @ score).reshape(-1, 2), self._seen
+        slope, seen = (self._rays @ score).reshape(-1, self._most_sizes), self._seen
         if there:
             free = np.concatenate([self._free(component) for component in there])
             by_free = free @ self.information
             solve = np.linalg.pinv(by_free @ free.T, rcond=1e-9, hermitian=True)
             crossed = self._rays @ by_free.T
-            slope = slope - (crossed @ (solve @ (free @ score))).reshape(-1, 2)
-            seen = seen - _blocks(crossed @ solve, crossed)
+            slope = slope - (crossed @ (solve @ (free @ score))).reshape(slope.shape)
+            seen = seen - self._blocks(crossed @ solve, crossed)
         return seen, slope
 
     def _axes_of(self, seen: Array) -> tuple[Array, Array]:
-        """Return the strengths (h, 2) and the principal axes (h, 2, 2) of the information (h, 2, 2) on sizes."""
-        turned, strength = np.tile(np.eye(2), (len(seen), 1, 1)), np.diagonal(seen, axis1=1, axis2=2).copy()
-        strength[self._double], turned[self._double] = np.linalg.eigh(seen[self._double])
+        """Return the strengths (h, c) and the principal axes (h, c, c) of the information (h, c, c) on sizes."""
+        turned = np.tile(np.eye(self._most_sizes), (len(seen), 1, 1))
+        strength = np.diagonal(seen, axis1=1, axis2=2).copy()
+        strength[self._several], turned[self._several] = np.linalg.eigh(seen[self._several])
         return np.maximum(strength, 0.0), turned
 
+    def _blocks(self, left: Array, right: Array) -> Array:
+        """Return for each hypothesis the products (h, c, c) of its c rows of two arrays (h c, m)."""
+        rows = (part.reshape(-1, self._most_sizes, part.shape[1]) for part in (left, right))
+        return np.einsum("him,hjm->hij", *rows, optimize=True)
+
     def _free(self, component: Component) -> Array:
-        """Return the contributions to b (1 or 2, m) that a component may have in any multiple."""
+        """Return the contributions to b (sizes, m) that a component may have in any multiple."""
         k = int(np.argmax(component.probability))
-        if not self._double[k]:
+        if not self._several[k]:
             return component.mean[None]
-        return self._rays[2 * k : 2 * k + 2] * np.linalg.norm(component.mean)
+        return self.hypotheses[k].direction.T * np.linalg.norm(component.mean)
 
     def _given(self, score: Array, others: Sequence[Component] = ()) -> tuple[Array, Array, Array, Array, Array]:
-        """Return for every hypothesis, beside other components of any size, the principal axes of its sizes (h, 2, 2),
+        """Return for every hypothesis, beside other components of any size, the principal axes of its sizes (h, c, c),
         the log Bayes factor (h,) against nothing, the log probabilities (h, scales) of the normal distributions in its
-        prior's mixture, and means and variances (h, scales, 2) along the axes."""
+        prior's mixture, and means and variances (h, scales, c) along the axes."""
         seen, slope = self._beside(score, others)
         strength, turned = self._axes if seen is self._seen else self._axes_of(seen)
         variance = 1 / (strength[:, None, :] + self._precision)
@@ -246,9 +255,9 @@ class SingleEffects:
     def _pairs(self, score: Array) -> list[tuple[Component, Component]]:
         """Return the pairs of hypotheses with the largest joint log-likelihood ratio, as components to start from."""
         strength = self._seen[:, 0, 0]
-        single = ~self._double & (strength > 0)
+        single = ~self._several & (strength > 0)
         best: dict[str, int] = {}
-        slope = (self._rays @ score)[::2] / np.sqrt(np.where(strength > 0, strength, 1.0))
+        slope = (self._rays @ score)[:: self._most_sizes] / np.sqrt(np.where(strength > 0, strength, 1.0))
         for k in np.flatnonzero(single).tolist():
             name = self.hypotheses[k].name
             if name not in best or abs(slope[k]) > abs(slope[best[name]]):
@@ -256,7 +265,7 @@ class SingleEffects:
         chosen = np.array(list(best.values()), dtype=np.intp)
         if len(chosen) < 2:
             return []
-        rays = self._rays[2 * chosen] / np.sqrt(strength[chosen])[:, None]
+        rays = self._rays[self._most_sizes * chosen] / np.sqrt(strength[chosen])[:, None]
         cosine, slopes = np.clip(rays @ self.information @ rays.T, -1.0, 1.0), slope[chosen]
         sine = np.where(1 - cosine**2 > PARALLEL, 1 - cosine**2, np.inf)
         gain = np.triu((slopes[:, None] ** 2 + slopes**2 - 2 * cosine * np.outer(slopes, slopes)) / sine, 1)
@@ -265,7 +274,7 @@ class SingleEffects:
 
     def _pair(self, score: Array, first: int, second: int) -> tuple[Component, Component]:
         """Return components that are these two hypotheses with certainty, with maximum-likelihood sizes."""
-        rays = self._rays[[2 * first, 2 * second]]
+        rays = self._rays[[self._most_sizes * first, self._most_sizes * second]]
         sizes = np.linalg.lstsq(rays @ self.information @ rays.T, rays @ score, rcond=None)[0]
         pair = []
         for k, ray, size in zip((first, second), rays, sizes.tolist(), strict=True):
@@ -273,11 +282,6 @@ class SingleEffects:
             surely[k] = 1.0
             pair.append(Component(0.0, surely, size * ray, size**2 * float(self._seen[k, 0, 0]), 0.0))
         return pair[0], pair[1]
-
-
-def _blocks(left: Array, right: Array) -> Array:
-    """Return for each pair of rows (h, 2, m) of two arrays (2h, m) the products of left and right rows (h, 2, 2)."""
-    return np.einsum("him,hjm->hij", *(part.reshape(-1, 2, part.shape[1]) for part in (left, right)), optimize=True)
 
 
 def _cut(low: Array, high: Array) -> tuple[Array, Array, Array]:

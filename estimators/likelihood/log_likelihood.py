@@ -62,12 +62,14 @@ class ExtraColumns(NamedTuple):
 
     readings (K, s + d, r): counts read too much, of the first r parameters; the others change no reading. slips: metres
     by which a step misses its constraints, parts (K - 1, rows, c) of successive parameters, R in all. rates (R,): rate
-    of the reference's clock, s/s; gyro_scales (R,): by which the gyro reads too much, as a part; None: 0.
+    of the reference's clock, s/s; sways (R,): by how much reference poses are off in proportion to the acceleration of
+    the tracked point, s2; gyro_scales (R,): by which the gyro reads too much, as a part; None: 0.
     """
 
     readings: ByBlocks
     slips: tuple[ByBlocks, ...]
     rates: Array | None = None
+    sways: Array | None = None
     gyro_scales: Array | None = None
 
     @property
@@ -157,6 +159,10 @@ class LogLikelihood(RollingConstraints):
     def poses_used(self) -> int:
         """The number of reference poses in use: dense poses are not independent."""
         return len(self._poses.used)
+
+    def acceleration(self, state: Array, clock: Array, mount: Array) -> float:
+        """Return the tracked point's acceleration where reference poses in use were taken, rms, m/s2; 0 without any."""
+        return float(np.sqrt(np.mean(np.sum(self._poses.accelerations(state, clock, mount) ** 2, axis=1))))
 
     @property
     def gyro_steps(self) -> int:
@@ -406,11 +412,11 @@ class LogLikelihood(RollingConstraints):
 
         start, end = (partial(by_state, derivatives=derivatives) for derivatives in (by_start, by_end))
         kinds["slips"] = Rows(samples[:-1], values["slips"], start, end, by_slips)
-        rates, scales = (
+        rates, sways, scales = (
             np.zeros(first + extra_count) if of_extra is None else np.concatenate([np.zeros(first), of_extra])
-            for of_extra in ((None, None) if extra is None else (extra.rates, extra.gyro_scales))
+            for of_extra in ((None,) * 3 if extra is None else (extra.rates, extra.sways, extra.gyro_scales))
         )
-        kinds |= self._poses.rows(state, clock, mount, weights, values, rates, of_gyro)
+        kinds |= self._poses.rows(state, clock, mount, weights, values, rates, sways, of_gyro)
         if self.gyro_steps:
             others = len(mount) + len(clock)
             kinds["gyro"] = self._gyro.rows(state, weights["gyro"], values["gyro"], scales, others)

@@ -101,6 +101,10 @@ def named_together(
             if unlikely := _unlikely(named, seen, *better, odds):
                 refused |= unlikely
                 continue
+        elif families < in_model:  # something unnamed takes the place of what fits, without it, put into the model
+            named = tuple(effect for effect in named if effect.candidate.family in families)
+            seen = look(named, seen, None)
+            continue
         else:
             if in_model != compared:
                 compared, unlikely = in_model, set[tuple[str, str]]()

@@ -195,7 +195,7 @@ def columns_of(model: LogLikelihood, slips: list[Array], gyro_scale: Array) -> E
     if not parts:
         return None
     scales = np.concatenate([np.zeros(sum(part.shape[-1] for part in slips)), 0 * gyro_scale + 1])
-    return ExtraColumns(np.zeros((*model.counts.shape, 0)), tuple(parts), None, scales)
+    return ExtraColumns(np.zeros((*model.counts.shape, 0)), tuple(parts), gyro_scales=scales)
 
 
 def _scale_gyros(models: list[LogLikelihood], at: State) -> None:

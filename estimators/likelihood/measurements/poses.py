@@ -33,6 +33,10 @@ Errors of such poses within seconds (jitter of clocks, a filter) are correlated.
 CLOCK = np.array([1.0, 0.05])
 """s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
 
+SWINGING = 0.1
+"""s before and after a pose from which the acceleration of the tracked point is taken: less is noise of counts, and in
+more a robot starts and stops."""
+
 RATE_KNOWN = 1e-6
 """s/s: standard deviation of a known rate."""
 
@@ -86,11 +90,13 @@ class ReferencePoses:
         weights: dict[str, Array],
         values: dict[str, Array],
         rates: Array,
+        sways: Array,
         more: int,
     ) -> dict[str, Rows]:
         """Return the equations linearised about a state, by the kinds of `off`; values: of these, times their weights.
-        rates (P,): rate of the clock per unit of each parameter, s/s. more: numbers of the log after the clock's, which
-        poses do not depend on."""
+        rates (P,): rate of the clock per unit of each parameter, s/s. sways (P,): by how much poses are off in
+        proportion to the tracked point's acceleration, s2. more: numbers of the log after the clock's, which poses do
+        not depend on."""
         eye = np.eye(state.shape[1])
         if not len(self.taken):
             pinned = (eye[None, :3] / PINNED).__getitem__
@@ -106,7 +112,10 @@ class ReferencePoses:
         speed = (state[at + 1, :3] - state[at, :3]) / (self._t[at + 1] - self._t[at])[:, None]
         by_clock = (by_body[..., :3] @ speed[..., None]) * np.column_stack([ones, since])[:, None, :]
         independent = np.zeros((len(at), 3, more))
-        numbers = np.concatenate([by_clock[..., 1:] * rates, by_mount, by_clock, independent], axis=-1)
+        by_effects = by_clock[..., 1:] * rates
+        if np.any(sways):
+            by_effects[:, :2] += self.accelerations(state, clock, mount)[..., None] * sways
+        numbers = np.concatenate([by_effects, by_mount, by_clock, independent], axis=-1)
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         kinds = {}
         for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
@@ -114,6 +123,18 @@ class ReferencePoses:
             start, end, by_numbers = ((weight * slope[:, axes]).__getitem__ for slope in parts)
             kinds[name] = Rows(at, values[name], start, end, by_numbers)
         return kinds
+
+    def accelerations(self, state: Array, clock: Array, mount: Array) -> Array:
+        """Return the accelerations (k, 2) of the tracked point where poses in use were taken, m/s2."""
+        at, part, _ = self._shown(clock)
+        taken = self._t[at] + part[:, 0] * (self._t[at + 1] - self._t[at])
+        taken = np.clip(taken, self._t[0] + SWINGING, max(self._t[-1] - SWINGING, self._t[0] + SWINGING))
+        tracked = compose(state[:, :3], mount)[:, :2]
+        before, there, after = (
+            np.column_stack([np.interp(taken + by, self._t, axis) for axis in tracked.T])
+            for by in (-SWINGING, 0.0, SWINGING)
+        )
+        return (before - 2 * there + after) / SWINGING**2
 
     def steps_of(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the sample after which each of these samples' pose was taken, and the part (k, 1) of the step up to

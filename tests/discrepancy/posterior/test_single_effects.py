@@ -51,6 +51,23 @@ def test_one_hypothesis_against_nothing_is_what_quadrature_says(size, least, mos
     assert covariance[0, 0] == pytest.approx(variance, rel=0.05)
 
 
+@pytest.mark.parametrize("count", [1, 2, 6])
+def test_effects_of_several_sizes_are_cauchy_distributed_together(count):
+    """Beside one of fewer sizes, what each shows is weighed by the mean likelihood over draws from its prior."""
+    random, precision = np.random.default_rng(5), 30.0
+    shown = np.append(0.8, np.zeros(count - 1))
+    information = precision * np.eye(count)
+    several = Hypothesis("several", np.eye(count), 0.3, 1.0)
+    one = Hypothesis("one", np.eye(count)[:, :1], 0.3, 1.0)
+    found = SingleEffects([one, several], information).posterior(information @ shown, 1).components[0]
+
+    # a normal vector over an independent normal number
+    drawn = 0.3 * random.normal(size=(400_000, count)) / np.abs(random.normal(size=(400_000, 1)))
+    factor = np.mean(np.exp(precision * np.sum(shown**2) / 2 - precision * np.sum((drawn - shown) ** 2, axis=1) / 2))
+    assert found.probability[1] / found.nothing == pytest.approx((1 - NOTHING) / 2 / NOTHING * factor, rel=0.05)
+    assert found.probability.sum() + found.nothing == pytest.approx(1.0)
+
+
 def test_twins_share_their_probability_and_a_name_with_two_places_adds_it_up():
     direction = np.eye(2)[:, [0]]
     names = ["radius", "gain", "radius"]

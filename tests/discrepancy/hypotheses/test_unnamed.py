@@ -1,0 +1,74 @@
+"""Unnamed alternatives: what has no name in the catalogue is not given the name of what looks like it."""
+
+# pyright: reportOptionalIterable=false
+
+import numpy as np
+import pytest
+from scipy.signal import lsim
+
+from castor_envs.geometry.arrays import Array
+from castor_envs.motion.mobility import moves_sideways
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.hypotheses.candidates import SWAYING
+from discrepancy.posterior.finder import diagnose
+from discrepancy.trials.outside import FlatSpot, SwingingPoint
+from discrepancy.trials.pymunk_generator import drive
+
+pytestmark = pytest.mark.slow
+
+DAMPING = 0.5
+
+
+class SoftMast(SwingingPoint):
+    """The tracked point is on a mast of this natural frequency (Hz), a spring and a damper in each direction, that the
+    body's acceleration bends."""
+
+    def tracked(self, t: Array, pose: Array) -> Array:
+        at, seen, natural = np.arange(t[0], t[-1], 0.002), pose.copy(), 2 * np.pi * self.value
+        oscillator = [-1.0, 0.0, 0.0], [1.0, 2 * DAMPING * natural, natural**2]  # bends by this times the way
+        for axis in (0, 1):
+            _, bent, _ = lsim(oscillator, np.interp(at, t, pose[:, axis]) - pose[0, axis], at - at[0])
+            seen[:, axis] += np.interp(t, at, bent)
+        return seen
+
+
+def examined(name, *hidden, outside, seeds=(3, 4), clean=()):
+    robot = preset(name)
+    log, held_out = (
+        drive(
+            robot.with_effects(*hidden),
+            wander(np.random.default_rng([seed, 1]), duration=40.0, holonomic=moves_sideways(robot)),
+            seed,
+            duration=40.0,
+            outside=outside,
+        )
+        for seed in seeds
+    )
+    return diagnose(robot, [log], [held_out], clean)
+
+
+@pytest.mark.parametrize("name", ["1-castor", "asoc-prototype"])
+def test_a_soft_mast_is_no_wrong_dimension(name):
+    """Were it to bend at once, the size would be minus one over the square of its natural frequency."""
+    diagnosis = examined(name, outside=SoftMast(castor=1, wheel=None, value=2.0))
+    (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
+    assert (answer.verdict, answer.candidate) == ("unexplained", SWAYING)
+    assert -1.5 < answer.size * (2 * np.pi * 2.0) ** 2 < -0.5
+
+
+def test_no_effect_stays_in_the_model_that_only_fits_like_what_has_no_name():
+    """Without a name for the mast, fits with an offset of the castor are likelier than without."""
+    diagnosis = examined("1-castor", outside=SoftMast(castor=1, wheel=None, value=1.3))
+    assert diagnosis.verdict == "unexplained"
+    assert diagnosis.found.effects == ()
+    before, after = (seen.gap for seen in diagnosis.held_out)
+    assert after == pytest.approx(before)
+
+
+@pytest.mark.parametrize("seed", [3, 5])
+def test_a_flat_spot_is_not_surely_an_eccentric_wheel(seed):
+    """Of a wheel that repeats an error every turn, an eccentric one explains the part that goes up and down once."""
+    diagnosis = examined("differential", outside=FlatSpot(castor=1, wheel=1, value=0.1, seed=1), seeds=(seed, seed + 1))
+    assert diagnosis.verdict in ("ambiguous", "unexplained")
+    assert not any(answer.verdict == "named" for answer in diagnosis.answers)
