@@ -1,5 +1,6 @@
 """Effects on time: what is read late, early or unevenly, and clocks that disagree."""
 
+import math
 from typing import Annotated, Literal
 
 import numpy as np
@@ -131,6 +132,15 @@ class SampleJitter(Effect[RobotDescription]):
     tolerance = 3e-4  # s: a timer of an operating system
     timing = True
     check = "Look at the differences of time stamps; give the sampling task a fixed period and priority."
+
+    @staticmethod
+    def deviation(value: Array, period: float) -> Array:
+        """Return the standard deviations (s) of times at which encoders are read with jitter of these values (s),
+        period (s) apart: smaller than the values, as none is more than half a sample early or late."""
+        ends = period / 2 / value
+        outside = np.array([math.erfc(end) for end in (ends / math.sqrt(2)).ravel()]).reshape(ends.shape)
+        density = np.exp(-(ends**2) / 2) * math.sqrt(2 / math.pi)
+        return value * np.sqrt(1 - outside - ends * density + ends**2 * outside)
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["SampleJitter", ...]:

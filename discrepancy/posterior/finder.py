@@ -14,9 +14,10 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from castor_envs.effects.clocks import SampleJitter
+from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, without
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, without
 from discrepancy.posterior.answers import Answer, Cause, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised, linearise
@@ -111,9 +112,10 @@ def unexamined(robot: RobotDescription, logs: Sequence[Log]) -> Diagnosis[RobotD
 class _Search:
     """Effects in the model of a robot, and what its logs show beside them.
 
-    named, seen, posterior, answers: as `named_together` returns them. events: at certain times or places, whose steps
-    are `released`. base: the robot with `curve`, if one was learned. jitter: of the times of samples, s. creep: see
-    `Diagnosis`. good: clean logs, linearised.
+    named, seen, posterior, answers: as `named_together` returns them. slid: families of effects of which nothing is
+    said, as wrong wiring drove wheels against each other until they slid. events: at certain times or places, whose
+    steps are `released`. base: the robot with `curve`, if one was learned. jitter: of the times of samples, s. creep:
+    see `Diagnosis`. good: clean logs, linearised.
     """
 
     named: tuple[Sized, ...]
@@ -136,11 +138,12 @@ class _Search:
         self.places = () if good is None else _at_places(good)
         self.events, self.released, self.curve = Events(), Released(), None
         self.lossy, self.curve_sought = frozenset[str](), False
+        self.slid = _of_contacts(robot) if any(log.undone for log in logs) else frozenset[str]()
         self.plain = linearise(robot, logs, creep=self.creep, places=self.places)
         self.names = len({hypothesis.name for hypothesis in hypotheses_of(robot, self.plain)[0]})
         self.odds = prior_log_odds(self.names)
         self.jittery = jitter_answer(robot, logs, held_out, clean, self.names)
-        self.jitter = 0.0 if self.jittery is None or self.jittery.unnamed else self.jittery.size
+        self.jitter = 0.0 if self.jittery is None else _deviation(self.jittery, logs)
         self.begin = most_likely(robot, logs, self.plain)
 
     def run(self) -> None:
@@ -195,7 +198,7 @@ class _Search:
         try:
             hypotheses = hypotheses_of(self.base, seen, {effect.candidate for effect in named})
             order = order_of(seen, self.good)
-            return asked(seen, *hypotheses, order, sizes_of(named, seen), without=without)
+            return asked(seen, *hypotheses, order, sizes_of(named, seen), without={*without, *self.slid})
         finally:
             seen.forget()
 
@@ -261,6 +264,18 @@ class _Search:
         """Return effects with one of `more`, with which logs are likelier than with those in the model, and the
         statistics beside them; None if they are with none."""
         return exchanged(self.base, self.look, self.named, (), self.seen, more, self.odds)
+
+
+def _of_contacts(robot: RobotDescription) -> frozenset[str]:
+    """Return the families of effects on how contacts give way to forces."""
+    kinds = SlipStiffness, SlipStiffnessLateral, ContactCreep
+    return frozenset(candidate.family for candidate in candidates_of(robot) if isinstance(candidate.kinds[0], kinds))
+
+
+def _deviation(jittery: Answer, logs: Sequence[Log]) -> float:
+    """Return the standard deviation of the times at which jittering encoders are read, s; 0 if they jitter seldom."""
+    period = float(np.median(np.concatenate([np.diff(log.t) for log in logs])))
+    return 0.0 if jittery.unnamed else float(SampleJitter.deviation(jittery.amplitudes, period)[0])
 
 
 def _at_places(seen: Linearised) -> tuple[Candidate, ...]:

@@ -26,8 +26,8 @@ from discrepancy.posterior.calibrated import CREDIBLE, FAULT, prior_log_odds
 from discrepancy.validation.cost import cost_of
 from estimators.likelihood.disagreement import MEDIAN
 
-SIZES = np.geomspace(0.01, 1000.0, 201)
-"""Sizes of jitter, in tolerances: a grid to integrate over."""
+SIZES = np.geomspace(0.01, 300.0, 201)
+"""Sizes of jitter, in tolerances: a grid to integrate over, up to the largest that the effect may have."""
 
 GOOD_ORDER = -(SIZES**2) / 2
 """Log density of each size in good order, up to a constant."""
@@ -87,9 +87,13 @@ def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) 
 
     Neighbouring differences share all but one of their samples, so `ORDER` of them count as one.
     """
-    late, rounding, *_ = (np.concatenate(part) for part in zip(*(delays_of(robot, log) for log in logs), strict=True))
-    variance = rounding + SPREAD * (usual**2 + (SIZES[:, None] * SampleJitter.tolerance) ** 2)
-    return -np.sum(np.log(variance) + late**2 / variance, axis=1) / 2 / ORDER
+    total = np.zeros(len(SIZES))
+    for log in logs:
+        late, rounding, *_ = delays_of(robot, log)
+        deviation = SampleJitter.deviation(SIZES * SampleJitter.tolerance, float(np.median(np.diff(log.t))))
+        variance = rounding + SPREAD * (usual**2 + deviation[:, None] ** 2)
+        total -= np.sum(np.log(variance) + late**2 / variance, axis=1) / 2 / ORDER
+    return total
 
 
 def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:

@@ -16,6 +16,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 from castor_envs.effects.clocks import EncoderLatency
 from castor_envs.effects.dimensions import PivotBias, PivotOffset, PivotPositionX, PivotPositionY, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash, PivotEccentricity, TickLoss, WheelEccentricity
+from castor_envs.effects.wiring import EncodersSwapped
 from castor_envs.errors import InputError
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
@@ -23,6 +24,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.verdicts import Material
+from discrepancy.preflight.undo import undo
 from discrepancy.trials.outside import Misreading
 from discrepancy.trials.pymunk_generator import drive
 
@@ -146,6 +148,16 @@ def test_a_castor_that_drags_others_is_named_alone():
     (answer,) = diagnose(preset("powered-caster"), [log], [held_out]).answers
     assert (answer.verdict, answer.credible) == ("named", ("pivot_offset 1",))
     assert abs(answer.size - effect.value) < 3 * answer.error
+
+
+def test_nothing_is_said_of_the_contacts_of_a_robot_whose_wiring_was_wrong():
+    """Servos that heard of other wheels drove these against each other, until they slid."""
+    swapped = EncodersSwapped(castor=2, value=1.0)
+    undone = undo(ROBOT, {"log": driven("asoc-prototype", 3, swapped)}, {}, {})
+    assert undone.logs["log"].undone == (swapped,)
+    of_contacts = {"slip_stiffness", "slip_stiffness_lateral", "contact_creep"}
+    assert not of_contacts & set(diagnose(undone.robot, [undone.logs["log"]]).inclusion)
+    assert of_contacts & set(diagnose(ROBOT, [driven("asoc-prototype", 3)]).inclusion)
 
 
 def test_a_backlash_that_throws_the_pivot_about_is_named():
