@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
@@ -45,6 +46,10 @@ COUNTS, SLIP = 0.2, 3e-5
 """Size of unnamed alternatives in a robot in good order: rms reading error in counts, or rms slip as a part of the
 way."""
 
+ROUNDED = 12**-0.5
+"""Backlash, in counts, that an encoder in good order seems to have: a rounded reading stands still, too, while its
+shaft turns within a count."""
+
 SWAY = 2e-4
 """s2: how much a reference in good order is off in proportion to acceleration: as a mast of 11 Hz."""
 
@@ -54,13 +59,14 @@ class Linearised:
     """Candidates with the columns of each among C, and for each log information and score of 2C sizes: the amplitudes
     beyond the robot's effects, then the masked amount of each.
 
-    usual (C,): size of unnamed alternatives in logs of a robot in good order; NaN for effects of the catalogue. cost
-    (2, C): odometry error per unit of each size on these drives (`cost_of_sizes`), or apparent error for the rate of a
+    usual (C,): size of unnamed alternatives in logs of a robot in good order, of the gyro's scale as its file
+    states it, and of backlashes as rounding makes them; NaN for other effects of the catalogue. cost (2, C):
+    odometry error per unit of each size on these drives (`cost_of_sizes`), or apparent error for the rate of a
     clock. creep: factor of predicted creep under forces. log_evidence: log-likelihood of the logs with all sizes 0,
     nuisances integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference
-    between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its rms,
-    None without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting: columns of
-    effects on the robot's dimensions, which add up over a log. pulls: what commands say, in each log. designs,
+    between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its
+    rms, None without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting: columns
+    of effects on the robot's dimensions, which add up over a log. pulls: what commands say, in each log. designs,
     disagreements: of each log; empty after `without_designs`."""
 
     candidates: tuple[Candidate, ...]
@@ -193,6 +199,10 @@ def linearise(
         usual[indices[len(design.steps) :][design.sways != 0]] = SWAY
         if robot.gyro is not None:
             usual[indices[len(design.steps) :][design.gyro_scales != 0]] = robot.gyro.scale_tolerance
+        for candidate in design.candidates:
+            if candidate.kinds and isinstance(backlash := candidate.kinds[0], PivotBacklash):
+                one_count = 2 * np.pi / geometry.pivot_counts_per_rev[backlash.castor - 1]
+                usual[place[candidate]] = np.hypot(backlash.tolerance, one_count * ROUNDED)
         cost = np.zeros((2, count))
         missing = (model.missing(design.made.changes, steps) for steps in blocks(len(state) - 1))
         cost[:, indices] = cost_of_sizes(missing, state[:, :3])

@@ -150,6 +150,23 @@ def test_a_castor_that_drags_others_is_named_alone():
     assert abs(answer.size - effect.value) < 3 * answer.error
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_coarse_encoders_that_are_read_often_make_no_backlash(seed):
+    """A rounded reading stands still, too, while its shaft turns: 1.2 and 0.8 mrad, about a count, were sure names."""
+    robot = preset("2-castor")
+    castors = tuple(
+        dataclasses.replace(
+            castor,
+            pivot_counts_per_rev=4000,
+            wheels=tuple(dataclasses.replace(wheel, counts_per_rev=600) for wheel in castor.wheels),
+        )
+        for castor in robot.castors
+    )
+    coarse = dataclasses.replace(robot, castors=castors, sample_period=0.02)
+    log = drive(coarse, wander(np.random.default_rng([seed, 1]), duration=40.0), seed, duration=40.0)
+    assert diagnose(coarse, [log]).verdict in ("no discrepancy", "negligible")
+
+
 def test_nothing_is_said_of_the_contacts_of_a_robot_whose_wiring_was_wrong():
     """Servos that heard of other wheels drove these against each other, until they slid."""
     swapped = EncodersSwapped(castor=2, value=1.0)
