@@ -162,7 +162,7 @@ class LogLikelihood(RollingConstraints):
 
     def acceleration(self, state: Array, clock: Array, mount: Array) -> float:
         """Return the tracked point's acceleration where reference poses in use were taken, rms, m/s2; 0 without any."""
-        return float(np.sqrt(np.mean(np.sum(self._poses.accelerations(state, clock, mount) ** 2, axis=1))))
+        return float(np.linalg.norm(self._poses.accelerations(state, clock, mount)) / max(self.poses_used, 1) ** 0.5)
 
     @property
     def gyro_steps(self) -> int:

@@ -33,11 +33,11 @@ class SoftMast(SwingingPoint):
         return seen
 
 
-def examined(name, *hidden, outside, seeds=(3, 4), clean=()):
+def examined(name, outside, seeds=(3, 4)):
     robot = preset(name)
     log, held_out = (
         drive(
-            robot.with_effects(*hidden),
+            robot,
             wander(np.random.default_rng([seed, 1]), duration=40.0, holonomic=moves_sideways(robot)),
             seed,
             duration=40.0,
@@ -45,13 +45,13 @@ def examined(name, *hidden, outside, seeds=(3, 4), clean=()):
         )
         for seed in seeds
     )
-    return diagnose(robot, [log], [held_out], clean)
+    return diagnose(robot, [log], [held_out])
 
 
 @pytest.mark.parametrize("name", ["1-castor", "asoc-prototype"])
 def test_a_soft_mast_is_no_wrong_dimension(name):
     """Were it to bend at once, the size would be minus one over the square of its natural frequency."""
-    diagnosis = examined(name, outside=SoftMast(castor=1, wheel=None, value=2.0))
+    diagnosis = examined(name, SoftMast(castor=1, wheel=None, value=2.0))
     (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
     assert (answer.verdict, answer.candidate) == ("unexplained", SWAYING)
     assert -1.5 < answer.size * (2 * np.pi * 2.0) ** 2 < -0.5
@@ -59,7 +59,7 @@ def test_a_soft_mast_is_no_wrong_dimension(name):
 
 def test_no_effect_stays_in_the_model_that_only_fits_like_what_has_no_name():
     """Without a name for the mast, fits with an offset of the castor are likelier than without."""
-    diagnosis = examined("1-castor", outside=SoftMast(castor=1, wheel=None, value=1.3))
+    diagnosis = examined("1-castor", SoftMast(castor=1, wheel=None, value=1.3))
     assert diagnosis.verdict == "unexplained"
     assert diagnosis.found.effects == ()
     before, after = (seen.gap for seen in diagnosis.held_out)
@@ -69,6 +69,6 @@ def test_no_effect_stays_in_the_model_that_only_fits_like_what_has_no_name():
 @pytest.mark.parametrize("seed", [3, 5])
 def test_a_flat_spot_is_not_surely_an_eccentric_wheel(seed):
     """Of a wheel that repeats an error every turn, an eccentric one explains the part that goes up and down once."""
-    diagnosis = examined("differential", outside=FlatSpot(castor=1, wheel=1, value=0.1, seed=1), seeds=(seed, seed + 1))
+    diagnosis = examined("differential", FlatSpot(castor=1, wheel=1, value=0.1, seed=1), (seed, seed + 1))
     assert diagnosis.verdict in ("ambiguous", "unexplained")
     assert not any(answer.verdict == "named" for answer in diagnosis.answers)

@@ -1,5 +1,6 @@
 """What logs say of candidates: against finite differences of an independent odometry, and of robots of symmetry."""
 
+import dataclasses
 from functools import cache
 
 import numpy as np
@@ -39,6 +40,12 @@ def test_information_is_positive_semidefinite_and_finite():
     assert np.isfinite(said.score).all()
     scale = np.sqrt(np.maximum(np.diag(said.information), 1e-30))
     assert np.linalg.eigvalsh(said.information / np.outer(scale, scale)).min() > -1e-6
+
+
+def test_a_reference_without_any_pose_costs_nothing_that_is_no_number():
+    log, _ = seen()
+    empty = dataclasses.replace(log, reference=np.full((len(log), 3), np.nan))
+    assert np.isfinite(linearise(ROBOT, [empty]).cost).all()
 
 
 def test_a_robot_in_good_order_has_a_gap_of_the_reference_s_noise():
