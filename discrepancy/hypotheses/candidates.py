@@ -181,14 +181,15 @@ def signatures_of(
     rows = np.arange(len(counts))[:, None]
 
     def added(changed: RobotDescription, dithers: Array) -> Array:
-        """Return the excess of the readings, averaged over dithers."""
+        """Return the excess of the readings, averaged over dithers, at the times of what late encoders read: as the
+        counts that states are fitted to (`Channels.unread`)."""
         total = np.zeros_like(counts)
         for dither in dithers.tolist():
             seen = counts + dither * rows
             if dither not in plain:
                 plain[dither] = channels.read(robot, log, seen)
             total += channels.read(changed, log, seen) - plain[dither]
-        return total / len(dithers)
+        return channels.undelayed(robot, log, total / len(dithers))
 
     built: list[tuple[Candidate, Geometry, float]] = []
     read: list[tuple[Candidate, SparseColumns, SparseColumns]] = []

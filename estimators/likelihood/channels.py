@@ -74,11 +74,15 @@ class Channels:
         The difference between `seen` and the reading of these counts is added; for a late encoder it is shifted by the
         latency, as otherwise the correction would be worse in quick motion.
         """
-        excess = seen - self.read(robot, log, counts)
+        return counts + self.undelayed(robot, log, seen - self.read(robot, log, counts))
+
+    def undelayed(self, robot: RobotDescription, log: Log, excess: Array) -> Array:
+        """Return an excess of readings (K, s + d), of late encoders at the times of what they read."""
+        excess = excess.copy()
         for column, latency in enumerate(self._latencies(robot)):
             if latency:
                 excess[:, column] = np.interp(log.t + latency, log.t, excess[:, column])
-        return counts + excess
+        return excess
 
     def backlashes(self, robot: RobotDescription) -> list[tuple[int, PivotBacklash]]:
         """Return a robot's backlashes, each with the column of its encoder."""

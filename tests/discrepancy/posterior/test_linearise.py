@@ -1,14 +1,18 @@
 """What logs say of candidates: against finite differences of an independent odometry, and of robots of symmetry."""
 
 import dataclasses
-from functools import cache
+from dataclasses import replace
+from functools import cache, reduce
 
 import numpy as np
 import pytest
 
+from castor_envs.effects.clocks import EncoderLatency
+from castor_envs.effects.encoders import PivotGain
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.linearise import linearise
+from discrepancy.posterior.model.refit import Sized, statistics_of
 from discrepancy.posterior.priors import bounds_of, hypotheses_of, same_effects
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.validation.cost import cost_of
@@ -92,3 +96,23 @@ def test_no_length_is_wrong_by_more_than_the_robot_is_wide():
         assert -2.5 * reach < limits[name][0] < -reach
         assert reach < limits[name][1] < 2.5 * reach
     assert limits["wheel_radius"] == bounds_of(next(c.kinds[0] for c in candidates if c.family == "wheel_radius 1 1"))
+
+
+@pytest.mark.parametrize("effect", [EncoderLatency(value=0.2, castor=2), PivotGain(value=0.01, castor=2)], ids=lambda of: of.name)
+def test_the_score_of_a_late_encoder_s_effects_is_the_slope_of_the_log_evidence(effect):
+    """Of a robot whose second pivot is read 0.2 s late: its readings are four samples from what they tell."""
+    late = EncoderLatency(value=0.2, castor=2)
+    true = ROBOT.with_effects(late) if effect == late else ROBOT.with_effects(late).with_effects(effect)
+    log = drive(true, wander(np.random.default_rng([3, 1]), duration=20.0), 3, duration=20.0)
+
+    def seen_with(value):
+        others = [] if effect == late else [late]
+        robot = reduce(lambda built, of: built.with_effects(of), [*others, replace(effect, value=value)], ROBOT)
+        linear = linearise(robot, [log])
+        candidate = next(of for of in linear.candidates if of.is_of(effect))
+        return linear.log_evidence, statistics_of([Sized(candidate, np.zeros(candidate.columns))], linear).score[0]
+
+    low, middle, high = (seen_with(part * effect.value) for part in (0.93, 0.95, 0.97))
+    slope = (high[0] - low[0]) / (0.04 * effect.value)
+    assert slope > 0
+    assert middle[1] == pytest.approx(slope, rel=0.3)
