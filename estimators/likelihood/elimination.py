@@ -138,6 +138,29 @@ def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> Array:
     return total
 
 
+def variances(factors: Array) -> Array:
+    """Return the variances of states (K, m), the diagonal of the inverse of their information, from its upper banded
+    Cholesky factors.
+
+    With these in blocks, U_k beside V_k of the next sample, and the covariance C_k+1 of the next state, by a recursion
+    from the last sample on
+
+        C_k = U_k^-1 (1 + V_k C_k+1 V_k') U_k^-T
+    """
+    size = len(factors) // 2
+    of_samples, row, column = factors.reshape(len(factors), -1, size), np.arange(size)[:, None], np.arange(size)
+    found, eye = np.zeros(of_samples.shape[1:]), np.eye(size)
+    beside = covariance = np.zeros((size, size))
+    for block in reversed(blocks(len(found), LARGE)):
+        of_block = of_samples[:, block]
+        own = np.triu(np.moveaxis(of_block[np.minimum(2 * size - 1 + row - column, 2 * size - 1), :, column], -1, 0))
+        inverse, before = np.linalg.inv(own), np.moveaxis(of_block[size - 1 + row - column, :, column], -1, 0)
+        for k in range(len(inverse) - 1, -1, -1):
+            covariance = inverse[k] @ (eye + beside @ covariance @ beside.T) @ inverse[k].T
+            found[block.start + k], beside = np.diagonal(covariance), before[k]
+    return found
+
+
 def most_of(columns: int) -> int:
     """Return how many samples a block of so many columns may have."""
     return LARGE if columns <= FEW else BLOCK

@@ -14,6 +14,7 @@ Each step ties two samples only, so the normal equations are banded (Cholesky's 
 linearised at the fitted state, not at the readings: rounded regressors would bias the parameters toward zero.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -98,6 +99,7 @@ class LogLikelihood(RollingConstraints):
         pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
         self._counts = np.column_stack([pivot, log.wheel])
         self._share = np.apply_along_axis(_share_of_reading, 0, self._counts)
+        self._play = np.zeros(self._counts.shape)
         self._readings = np.sqrt(12 * self._share)
         self._poses, self._gyro = ReferencePoses(log, self._counts), GyroRates(layout, log)
         self._expected = np.zeros((len(log) - 1, len(self._used)))
@@ -108,9 +110,14 @@ class LogLikelihood(RollingConstraints):
 
     def correct(self, excess: Array, play: Array | float = 0.0) -> None:
         """Subtract a known excess of readings from the counts (K, s + d). play: standard deviation, in counts, of
-        readings that stand still while the encoder's shaft moves within its play; 0 of those that follow."""
+        readings that stand still while the encoder's shaft moves within its play; 0 of those that follow.
+
+        A reading that stands still says where the shaft is to no better than the play, but what it reads is as certain
+        as of any: as a density of the reading it is as high as others, and wider (`_of_play`).
+        """
         self._counts = self._counts - excess
-        self._readings = np.sqrt(self._share / (1 / 12 + np.square(play)))
+        self._play = np.broadcast_to(np.square(play), self._counts.shape)
+        self._readings = np.sqrt(self._share / (1 / 12 + self._play))
 
     def expect(self, slips: Array, doubt: Array | float = 0.0) -> None:
         """Set the expected slips (K - 1, rows), m, of steps, instead of 0; doubt: their standard deviation about what
@@ -292,13 +299,28 @@ class LogLikelihood(RollingConstraints):
                 float(np.sum(np.log(np.broadcast_to(weight, kinds[name].values.shape))))
                 for name, weight in weights.items()
             ]
-            return found.log_evidence() + sum(of_weights) + slipping.log_density() + self._log_volume(geometry, state)
+            volume = self._log_volume(geometry, state) + self._of_play(found.variances)
+            return found.log_evidence() + sum(of_weights) + slipping.log_density() + volume
 
         def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
             state, clock, left = found.finish(moved_by, part)
             return state, clock, self._gyro.with_described(left, noise.gyro)
 
         return found._replace(log_evidence=log_evidence, finish=finish)
+
+    def _of_play(self, variances: Callable[[], Array]) -> float:
+        """Return the logarithm by which readings that stand still within a play are likelier than normal variables as
+        wide as the play, where all other equations show the shaft better than that.
+
+        Of a shaft that nothing else shows, where it is has no prior distribution, and nothing tells how likely it is
+        that it stays within the play. variances: see `Reduced`.
+        """
+        if not np.any(self._play):
+            return 0.0
+        free = self._play > 0
+        play = self._play[free]
+        others = 1 / np.maximum(1 / variances()[:, 3:][free] - self._readings[free] ** 2, 1e-12)
+        return float(np.sum(np.log((1 / 12 + play) / (1 / 12 + np.minimum(play, others))))) / 2
 
     def _by_fields(self, name: str, left: Array, steps: slice, slipping: Whitening) -> list[tuple[str, Array]]:
         """Return the residuals (k, rows, c) of a kind of `_values` by the fields of `Noise`: of slips, those of

@@ -7,7 +7,15 @@ import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
-from estimators.likelihood.elimination import LARGE, Prior, Rows, blocks, eliminated, information_on_states
+from estimators.likelihood.elimination import (
+    LARGE,
+    Prior,
+    Rows,
+    blocks,
+    eliminated,
+    information_on_states,
+    variances,
+)
 
 Fields = Callable[[str, Array, slice], list[tuple[str, Array]]]
 """From a kind of equations, residuals of some of them (k, rows, c), and which: residuals by the fields of `Noise`."""
@@ -29,7 +37,8 @@ class Reduced(NamedTuple):
     log_evidence: returns the log-likelihood of the log with the parameters unchanged, state and own numbers integrated
     out (natural logarithm, up to a constant of the log). finish: maps changes of the parameters (P, 1 + probes) and the
     part of the step that is taken to the changed state and clock, and the remaining residuals. squares: maps any
-    geometry, state, clock and mount to the sum of squares there, with the weights of this state.
+    geometry, state, clock and mount to the sum of squares there, with the weights of this state. variances: returns
+    those of the state (K, m).
     """
 
     information: Array
@@ -37,6 +46,7 @@ class Reduced(NamedTuple):
     log_evidence: Callable[[], float]
     finish: Callable[..., tuple[Array, Array, Leftover]]
     squares: Callable[[Geometry, Array, Array, Array], float]
+    variances: Callable[[], Array]
 
 
 def reduced(
@@ -104,4 +114,5 @@ def reduced(
         log_evidence,
         finish,
         squares,
+        lambda: variances(factors),
     )

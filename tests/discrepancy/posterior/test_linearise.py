@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.clocks import EncoderLatency
-from castor_envs.effects.encoders import PivotGain
+from castor_envs.effects.encoders import PivotBacklash, PivotGain
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized, statistics_of
 from discrepancy.posterior.priors import bounds_of, hypotheses_of, same_effects
+from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.validation.cost import cost_of
 
@@ -37,6 +38,20 @@ def test_the_linear_cost_of_a_column_is_what_odometry_is_off_with_the_effect(nam
     )
     kind = candidate.kinds[0]
     assert kind.step * linear.cost[0, columns[0]] == pytest.approx(cost_of(ROBOT, kind, [log]), rel=0.02)
+
+
+@pytest.mark.parametrize("robot", ["asoc-prototype", "2-castor"])
+def test_no_log_is_likelier_with_another_backlash_than_the_true_one(robot):
+    """Of castors that the floor turns; it was likelier by up to 190 with another, as readings that stand still counted
+    as less certain than others, and how many do depends on the backlash."""
+    robot, backlash = preset(robot), PivotBacklash(value=0.03, castor=1)
+    log = drive(robot.with_effects(backlash), motion(robot, "wander", 5, 20.0), 5, duration=20.0)
+    parts = 0.8, 0.9, 0.95, 1.0, 1.05, 1.1
+    others = [robot.with_effects(replace(backlash, value=part * backlash.value)) for part in parts]
+    likely = [linearise(other, [log], among=()).log_evidence for other in others]
+    true = parts.index(1.0)
+    assert np.all(np.diff(likely[: true + 1]) > 5)
+    assert np.all(np.diff(likely[true:]) < -5)
 
 
 def test_information_is_positive_semidefinite_and_finite():
@@ -98,7 +113,9 @@ def test_no_length_is_wrong_by_more_than_the_robot_is_wide():
     assert limits["wheel_radius"] == bounds_of(next(c.kinds[0] for c in candidates if c.family == "wheel_radius 1 1"))
 
 
-@pytest.mark.parametrize("effect", [EncoderLatency(value=0.2, castor=2), PivotGain(value=0.01, castor=2)], ids=lambda of: of.name)
+@pytest.mark.parametrize(
+    "effect", [EncoderLatency(value=0.2, castor=2), PivotGain(value=0.01, castor=2)], ids=lambda of: of.name
+)
 def test_the_score_of_a_late_encoder_s_effects_is_the_slope_of_the_log_evidence(effect):
     """Of a robot whose second pivot is read 0.2 s late: its readings are four samples from what they tell."""
     late = EncoderLatency(value=0.2, castor=2)
