@@ -15,6 +15,7 @@ import numpy as np
 from castor_envs.effects.catalogue import catalogue, gyro_gain_of
 from castor_envs.effects.encoders import PivotEccentricity
 from castor_envs.effects.floor import Bump
+from castor_envs.effects.parts import channel
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Motion, Slip
@@ -126,6 +127,20 @@ def family_of(effect: Effect) -> str:
 def described(effect: Effect) -> str:
     """Return an effect and its place in words."""
     return ", ".join([effect.title, *effect.where()])
+
+
+def encoder_of(robot: RobotDescription, effect: Effect) -> str | None:
+    """Return the name of the encoder, as "wheel_1l", that an effect makes read wrongly; None if it does so of none, or
+    of all."""
+    castor, wheel = getattr(effect, "castor", None), getattr(effect, "wheel", None)
+    if castor is None or type(effect).sensor_model is Effect.sensor_model:
+        return None
+    return encoder_name(robot, castor, wheel)
+
+
+def encoder_name(robot: RobotDescription, castor: int, wheel: int | None) -> str:
+    """Return the name of a wheel's encoder, or of the castor's pivot encoder where wheel is None."""
+    return f"pivot_{castor}" if wheel is None else f"wheel_{robot.wheel_names[channel(robot, castor, wheel, '')]}"
 
 
 def rate_of(effects: Sequence[Effect]) -> float:

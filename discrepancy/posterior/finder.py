@@ -17,13 +17,13 @@ from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, candidates_of, without
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, encoder_of, without
 from discrepancy.posterior.answers import Answer, Cause, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
-from discrepancy.posterior.model.named_together import Asked, asked, most_explaining, named_together
+from discrepancy.posterior.model.named_together import Asked, asked, by_formula, most_explaining, named_together
 from discrepancy.posterior.model.refit import S, Sized, V, families_of, fit_with, sizes_of, with_effects
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
@@ -138,6 +138,7 @@ class _Search:
         self.places = () if good is None else _at_places(good)
         self.events, self.released, self.curve = Events(), Released(), None
         self.lossy, self.curve_sought = frozenset[str](), False
+        self.doubted = set[tuple[frozenset[str], frozenset[str]]]()
         self.slid = _of_contacts(robot) if any(log.undone for log in logs) else frozenset[str]()
         self.plain = linearise(robot, logs, creep=self.creep, places=self.places)
         self.names = len({hypothesis.name for hypothesis in hypotheses_of(robot, self.plain)[0]})
@@ -155,7 +156,7 @@ class _Search:
             self.named, self.seen, self.posterior, self.answers = named_together(
                 self.base, self.look, self.ask, first, self.begin, self.displaced
             )
-            else_shown = (self.with_events, self.with_lost_counts, self.with_hidden, self.with_curve)
+            else_shown = (self.with_events, self.with_fault, self.with_lost_counts, self.with_hidden, self.with_curve)
             begin = next((begin for look in else_shown if (begin := look()) is not None), None)
             if begin is None:
                 return
@@ -237,6 +238,24 @@ class _Search:
         families that are not considered."""
         known = families_of(self.named) | set(besides)
         return lossy_encoders(self.found, self.logs, self.seen, LOG_ODDS - self.odds, known)
+
+    def with_fault(self) -> Sequence[Sized] | None:
+        """Return the effects to begin anew with where an encoder of which the answers have an unnamed alternative has a
+        fault of the catalogue, so large that its signature hardly shows it; None if it has none."""
+        doubted, in_model = frozenset(encoders_of(self.answers)), families_of(self.named)
+        if not doubted or (doubted, in_model) in self.doubted:
+            return None
+        self.doubted.add((doubted, in_model))
+        faults = [
+            candidate
+            for candidate in self.seen.candidates
+            if isinstance(candidate, Candidate)
+            and candidate.kinds
+            and candidate.family not in in_model
+            and encoder_of(self.robot, candidate.kinds[0]) in doubted
+        ]
+        better = self.likelier([by_formula(candidate, self.seen)[0] for candidate in faults])
+        return None if better is None else better[0]
 
     def with_hidden(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where what passes for noise of contacts costs more than matters, and is

@@ -256,16 +256,22 @@ def most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Seq
     for candidate in seen.candidates:
         searched = isinstance(candidate, Candidate) and candidate.at_a_place  # for the place that explains most
         if candidate.kinds and candidate.family in names and candidate.family not in in_model and not searched:
-            none = Sized(candidate, np.zeros(candidate.columns))
-            information, score = statistics_of([none], seen)
-            effect = none.moved(np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0], dtype=np.float64))
-            gain = score @ effect.amplitudes - effect.amplitudes @ information @ effect.amplitudes / 2
-            explained[effect] = float(gain) - candidate.columns / 2  # which noise alone explains
+            effect, gain = by_formula(candidate, seen)
+            explained[effect] = gain - candidate.columns / 2  # which noise alone explains
     for effect in sorted(explained, key=explained.__getitem__)[: -BESIDE - 1 : -1]:
         others = () if seen.redundant else (-0.5, 1.0)
         sizes = [effect, *(effect.moved(part * effect.amplitudes) for part in others)]
         found += [sized for sized in sizes if possible(vehicle, [sized]) and np.any(sized.amplitudes)]
     return found
+
+
+def by_formula(candidate: Cause, seen: Seen) -> tuple[Sized, float]:
+    """Return a candidate beside the effects in the model in the size that the linear formula gives, and what it then
+    explains of the log-likelihood."""
+    none = Sized(candidate, np.zeros(candidate.columns))
+    information, score = statistics_of([none], seen)
+    effect = none.moved(np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0], dtype=np.float64))
+    return effect, float(score @ effect.amplitudes - effect.amplitudes @ information @ effect.amplitudes / 2)
 
 
 def _large(answers: Sequence[Answer]) -> list[Cause]:

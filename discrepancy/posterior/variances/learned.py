@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 from scipy.special import expit
 
 from castor_envs.effects.encoders import LearnedTerm, Of
-from castor_envs.effects.parts import channel, pivot_encoders, wheel_encoders
+from castor_envs.effects.parts import pivot_encoders, wheel_encoders
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, candidates_of, described
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, described, encoder_name
 from discrepancy.posterior.answers import Answer, Learned
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
@@ -109,7 +109,7 @@ def _terms(
     ]
     fastest = dict(zip(encoders.names, (np.max(rates, axis=0) * 2 * np.pi / encoders.per_rev).tolist(), strict=True))
     for castor, wheel in [*wheel_encoders(robot), *((castor, None) for castor in pivot_encoders(robot))]:
-        name = f"pivot_{castor}" if wheel is None else f"wheel_{robot.wheel_names[channel(robot, castor, wheel, '')]}"
+        name = encoder_name(robot, castor, wheel)
         if name not in names or fastest[name] == 0:
             continue
         speeds = tuple(np.linspace(-fastest[name], fastest[name], KNOTS).round(6).tolist())
