@@ -25,6 +25,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.verdicts import Material
 from discrepancy.preflight.undo import undo
+from discrepancy.trials.cases import motion
 from discrepancy.trials.outside import Misreading
 from discrepancy.trials.pymunk_generator import drive
 
@@ -279,3 +280,14 @@ def test_counts_lost_for_some_seconds_are_unexplained():
     assert not diagnosis.found.effects
     told = [answer.candidate.what for answer in diagnosis.answers if answer.verdict == "unexplained"]
     assert any("wheel_1l" in what for what in told)
+
+
+def test_a_backlash_that_no_signature_shows_is_named():
+    """It is a jump of the encoder, by signatures; only a fit with a backlash shows it."""
+    robot, backlash = preset("asoc-prototype"), PivotBacklash(value=0.1, castor=1)
+    true = robot.with_effects(backlash)
+    log, held_out = (drive(true, motion(robot, "wander", seed, 20.0), seed, duration=20.0) for seed in (9, 10))
+    clean = [drive(robot, motion(robot, "wander", seed, 20.0), seed, duration=20.0) for seed in (11, 12)]
+    (answer,) = diagnose(robot, [log], [held_out], clean).answers
+    assert (answer.verdict, answer.credible) == ("named", ("pivot_backlash 1",))
+    assert answer.amplitudes[0] == pytest.approx(backlash.value, rel=0.01)
