@@ -24,7 +24,16 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import Asked, asked, by_formula, most_explaining, named_together
-from discrepancy.posterior.model.refit import S, Sized, V, families_of, fit_with, sizes_of, with_effects
+from discrepancy.posterior.model.refit import (
+    S,
+    Sized,
+    V,
+    families_of,
+    fit_with,
+    refitted,
+    sizes_of,
+    with_effects,
+)
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
 from discrepancy.posterior.variances.events import Events, Released
@@ -254,8 +263,14 @@ class _Search:
             and candidate.family not in in_model
             and encoder_of(self.robot, candidate.kinds[0]) in doubted
         ]
-        better = self.likelier([by_formula(candidate, self.seen)[0] for candidate in faults])
-        return None if better is None else better[0]
+        as_it_is = self.look(self.named, self.seen, self.among)  # its states may not have converged either
+        best, found = max(self.seen.log_evidence, as_it_is.log_evidence) + LOG_ODDS - self.odds, None
+        for candidate in faults:
+            effects = (*self.named, by_formula(candidate, self.seen)[0])
+            fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, best)
+            if len(fitted) == len(effects) and beside.log_evidence > best:
+                best, found = beside.log_evidence, fitted
+        return found
 
     def with_hidden(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where what passes for noise of contacts costs more than matters, and is
