@@ -282,12 +282,18 @@ def test_counts_lost_for_some_seconds_are_unexplained():
     assert any("wheel_1l" in what for what in told)
 
 
-def test_a_backlash_that_no_signature_shows_is_named():
-    """It is a jump of the encoder, by signatures; only a fit with a backlash shows it."""
-    robot, backlash = preset("asoc-prototype"), PivotBacklash(value=0.1, castor=1)
-    true = robot.with_effects(backlash)
+@pytest.mark.parametrize(
+    "fault",
+    [PivotBacklash(value=0.1, castor=1), WheelEccentricity(value=0.24, castor=3, wheel=1, phase=1.7)],
+    ids=lambda fault: fault.name,
+)
+def test_a_fault_that_no_signature_shows_is_named(fault):
+    """By signatures, such a backlash is a jump of its encoder, and such an eccentricity slip at times."""
+    robot = preset("asoc-prototype")
+    true = robot.with_effects(fault)
     log, held_out = (drive(true, motion(robot, "wander", seed, 20.0), seed, duration=20.0) for seed in (9, 10))
     clean = [drive(robot, motion(robot, "wander", seed, 20.0), seed, duration=20.0) for seed in (11, 12)]
     (answer,) = diagnose(robot, [log], [held_out], clean).answers
-    assert (answer.verdict, answer.credible) == ("named", ("pivot_backlash 1",))
-    assert answer.amplitudes[0] == pytest.approx(backlash.value, rel=0.01)
+    assert (answer.verdict, len(answer.credible), answer.unnamed) == ("named", 1, False)
+    assert type(answer.effect) is type(fault)
+    assert answer.effect.value == pytest.approx(fault.value, rel=0.01)
