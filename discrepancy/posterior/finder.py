@@ -270,8 +270,10 @@ class _Search:
             fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, best)
             if len(fitted) == len(effects) and beside.log_evidence > best:
                 best, found = beside.log_evidence, fitted
-        if found is not None:  # what seemed to happen at certain times may have been the fault
-            self.events, self.released = Events(), Released()
+        if found is not None and len(self.events):  # the fault may be what seemed to happen at certain times
+            alone = self.linearised(with_effects(self.base, found), released=Released(), start=self.seen, among=())
+            if alone.log_evidence > best:
+                self.events, self.released = Events(), Released()
         return found
 
     def with_hidden(self) -> Sequence[Sized] | None:
