@@ -123,8 +123,9 @@ class _Search:
 
     named, seen, posterior, answers: as `named_together` returns them. slid: families of effects of which nothing is
     said, as wrong wiring drove wheels against each other until they slid. events: at certain times or places, whose
-    steps are `released`. base: the robot with `curve`, if one was learned. jitter: of the times of samples, s. creep:
-    see `Diagnosis`. good: clean logs, linearised.
+    steps are `released`. doubted: the encoders, and the families in the model, whose faults were looked for. base: the
+    robot with `curve`, if one was learned. jitter: of the times of samples, s. creep: see `Diagnosis`. good: clean
+    logs, linearised.
     """
 
     named: tuple[Sized, ...]
@@ -258,11 +259,12 @@ class _Search:
         faults = [
             candidate
             for candidate in self.seen.candidates
-            if isinstance(candidate, Candidate)
-            and candidate.kinds
+            if candidate.kinds
             and candidate.family not in in_model
             and encoder_of(self.robot, candidate.kinds[0]) in doubted
         ]
+        if not faults:
+            return None
         as_it_is = self.look(self.named, self.seen, self.among)  # its states may not have converged either
         best, found = max(self.seen.log_evidence, as_it_is.log_evidence) + LOG_ODDS - self.odds, None
         for candidate in faults:

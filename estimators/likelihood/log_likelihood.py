@@ -315,9 +315,9 @@ class LogLikelihood(RollingConstraints):
         Of a shaft that nothing else shows, where it is has no prior distribution, and nothing tells how likely it is
         that it stays within the play. variances: see `Reduced`.
         """
-        if not np.any(self._play):
-            return 0.0
         free = self._play > 0
+        if not np.any(free):
+            return 0.0
         play = self._play[free]
         others = 1 / np.maximum(1 / variances()[:, 3:][free] - self._readings[free] ** 2, 1e-12)
         return float(np.sum(np.log((1 / 12 + play) / (1 / 12 + np.minimum(play, others))))) / 2

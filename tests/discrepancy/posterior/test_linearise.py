@@ -1,8 +1,7 @@
 """What logs say of candidates: against finite differences of an independent odometry, and of robots of symmetry."""
 
-import dataclasses
 from dataclasses import replace
-from functools import cache, reduce
+from functools import cache
 
 import numpy as np
 import pytest
@@ -50,8 +49,8 @@ def test_no_log_is_likelier_with_another_backlash_than_the_true_one(robot):
     others = [robot.with_effects(replace(backlash, value=part * backlash.value)) for part in parts]
     likely = [linearise(other, [log], among=()).log_evidence for other in others]
     true = parts.index(1.0)
-    assert np.all(np.diff(likely[: true + 1]) > 5)
-    assert np.all(np.diff(likely[true:]) < -5)
+    assert np.all(np.diff(likely[: true + 1]) > 20)
+    assert np.all(np.diff(likely[true:]) < -20)
 
 
 def test_information_is_positive_semidefinite_and_finite():
@@ -63,7 +62,7 @@ def test_information_is_positive_semidefinite_and_finite():
 
 def test_a_reference_without_any_pose_costs_nothing_that_is_no_number():
     log, _ = seen()
-    empty = dataclasses.replace(log, reference=np.full((len(log), 3), np.nan))
+    empty = replace(log, reference=np.full((len(log), 3), np.nan))
     assert np.isfinite(linearise(ROBOT, [empty]).cost).all()
 
 
@@ -114,22 +113,21 @@ def test_no_length_is_wrong_by_more_than_the_robot_is_wide():
 
 
 @pytest.mark.parametrize(
-    "effect", [EncoderLatency(value=0.2, castor=2), PivotGain(value=0.01, castor=2)], ids=lambda of: of.name
+    ("effect", "part"), [(EncoderLatency(value=0.2, castor=2), 0.02), (PivotGain(value=0.01, castor=2), 0.25)]
 )
-def test_the_score_of_a_late_encoder_s_effects_is_the_slope_of_the_log_evidence(effect):
+def test_the_score_of_a_late_encoder_s_effects_is_the_slope_of_the_log_evidence(effect, part):
     """Of a robot whose second pivot is read 0.2 s late: its readings are four samples from what they tell."""
     late = EncoderLatency(value=0.2, castor=2)
-    true = ROBOT.with_effects(late) if effect == late else ROBOT.with_effects(late).with_effects(effect)
-    log = drive(true, wander(np.random.default_rng([3, 1]), duration=20.0), 3, duration=20.0)
+    robot = ROBOT if effect == late else ROBOT.with_effects(late)
+    course = wander(np.random.default_rng([3, 1]), duration=20.0)
+    log = drive(robot.with_effects(effect), course, 3, duration=20.0)
 
     def seen_with(value):
-        others = [] if effect == late else [late]
-        robot = reduce(lambda built, of: built.with_effects(of), [*others, replace(effect, value=value)], ROBOT)
-        linear = linearise(robot, [log])
+        linear = linearise(robot.with_effects(replace(effect, value=value)), [log])
         candidate = next(of for of in linear.candidates if of.is_of(effect))
         return linear.log_evidence, statistics_of([Sized(candidate, np.zeros(candidate.columns))], linear).score[0]
 
-    low, middle, high = (seen_with(part * effect.value) for part in (0.93, 0.95, 0.97))
+    low, middle, high = (seen_with(size * effect.value) for size in (0.93, 0.95, 0.97))
     slope = (high[0] - low[0]) / (0.04 * effect.value)
     assert slope > 0
-    assert middle[1] == pytest.approx(slope, rel=0.3)
+    assert middle[1] == pytest.approx(slope, rel=part)
