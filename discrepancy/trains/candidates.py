@@ -141,12 +141,14 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Candidat
     edges = np.linspace(0.0, t[-1], BLOCKS + 1)
     way = np.sqrt(np.mean(log.signed_travel**2))
 
-    def add(family: str, alike: str, time: str, kind: str, width: int, at: int, course: Array, usual: float) -> None:
+    def add(
+        family: str, alike: str, time: str, kind: str, width: int, at: int | slice, course: Array, usual: float
+    ) -> None:
         change = np.zeros((len(course), width))
         change[:, at] = -course
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
-        usual /= max(float(np.sqrt(np.mean(change[:, at] ** 2))), 1e-12)
+        usual /= max(float(np.sqrt(np.mean(np.sum(change**2, axis=1)))), 1e-12)
         term = Term(number, kind, change)
         found.append(Candidate(f"{family} {time}", family, alike, term=term, usual=usual))
 
@@ -176,6 +178,11 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Candidat
                 read(*sensor, "jumps", at, since)
     for sensor in sensors:
         read(*sensor, "drifts", f"in {name}", t - t.mean())
+    for f, frame in enumerate(train.frame_names):
+        if log.read[:, f].any():
+            rate, late = np.gradient(log.smoothed(train.as_built(), f), t, axis=0), "reads late"
+            sensor_late = f"frame {frame}'s sensor {late}"
+            add(sensor_late, late, f"in {name}", f"gauges{f}", 3, slice(None), -rate, ROUGH[2])
     ways = np.concatenate([np.zeros((1, log.n)), np.cumsum(log.signed_travel, axis=0)])
     speed = np.abs(np.gradient(ways, t, axis=0))
     for w in wheels:

@@ -48,9 +48,10 @@ def examine_train(
 
 def _without_and_with(train: TrainDescription, found: TrainDescription, logs: Logs) -> tuple[Linearised, Linearised]:
     """Return the logs linearised without and with the named effects; in both, axles slide in the steps of the fit with
-    them."""
+    them, and trains are localised with its noise."""
     train_logs, state = equations_of(found, [*logs.values()])
-    return linearise(train, train_logs, state, ()), linearise(found, train_logs, state, ())
+    without, beside = (linearise(vehicle, train_logs, state, (), localised=state.sizes) for vehicle in (train, found))
+    return without, beside
 
 
 def _remarks(seen: Linearised) -> Sequence[str]:

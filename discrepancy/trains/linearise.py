@@ -32,6 +32,8 @@ class Linearised:
 
     cost (2, P): error of the train's localisation by counts and relative poses per unit of each candidate that is
     ignored: m after 10 m, rad after a turn. fit: motions about which equations are linearised, and sizes of noise.
+    localised: the sizes of noise with which the train is localised for `gap`; None: those of `fit`. Descriptions are
+    compared with the same: beside larger noise of a sensor localisation relies on others, which changes its error, too.
     redundant: axles are seen by posture sensors, so encoders can contradict each other. lasting: of trains only single
     logs were compared.
     """
@@ -42,6 +44,7 @@ class Linearised:
     logs: tuple[Statistics, ...]
     cost: Array
     fit: FittedStates
+    localised: Sizes | None = None
     redundant: bool = True
     masked: float = 0.0
     lasting: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
@@ -76,9 +79,8 @@ class Linearised:
     def _gap(self) -> tuple[float, float] | None:
         built, poses = self.train.as_built(), [np.zeros((0, 3))]
         try:
-            blind = fit_states(
-                self.train, [log.without_reference() for log in self.train_logs], self.fit, self.fit.sizes
-            )
+            counts = [log.without_reference() for log in self.train_logs]
+            blind = fit_states(self.train, counts, self.fit, self.localised or self.fit.sizes)
         except InputError:
             return None
         for log, motion, localised in zip(self.train_logs, self.fit.motions, blind.motions, strict=True):
@@ -120,11 +122,12 @@ def linearise(
     start: FittedStates | None,
     among: Sequence[Candidate],
     sizes: Sizes | None = None,
+    localised: Sizes | None = None,
 ) -> Linearised:
     """Return the statistics of candidates in logs, linearised about their most likely motion.
 
-    start: the motion of a similar train. sizes: known noise; None: fitted. Raises InputError for logs that the train
-    cannot have made.
+    start: the motion of a similar train. sizes: known noise; None: fitted. localised: see `Linearised`. Raises
+    InputError for logs that the train cannot have made.
     """
     found, built = fit_states(train, logs, start, sizes), train.as_built()
     enlarged = [None if candidate.kind is None else candidate.enlarged(train) for candidate in among]
@@ -152,7 +155,7 @@ def linearise(
         statistics.append(Statistics(*equations.eliminated(columns, prior, log.nuisances(motion))))
         costs.append(_cost(log, motion, equations, columns, prior))
     cost = np.sqrt(np.mean(np.square(costs), axis=0))
-    return Linearised(train, tuple(logs), tuple(among), tuple(statistics), cost, found)
+    return Linearised(train, tuple(logs), tuple(among), tuple(statistics), cost, found, localised)
 
 
 def cost_of_noise(seen: Linearised, f: int) -> Array:

@@ -6,6 +6,7 @@ sensors that stop are treated separately (`gauges`).
 
 from collections.abc import Collection, Sequence
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
@@ -21,7 +22,9 @@ from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_o
 from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals
 from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
 from discrepancy.trains.linearise import Linearised, linearise
-from estimators.likelihood.trains.states import equations_of, sliding_in
+from discrepancy.validation.cost import WAY
+from estimators.likelihood.trains.bending import half_track
+from estimators.likelihood.trains.states import always_sliding, equations_of, sliding_in
 
 
 @threadpool_limits.wrap(limits=1)
@@ -43,12 +46,18 @@ def diagnose_train(
     good = _first(train, clean) if clean else None
     first = _first(train, logs)
     named, seen, posterior, answers = _named(train, first, good)
+    jackknifed = _jackknifed(seen)
+    if jackknifed is not None:
+        answers = judged([jackknifed], (), None, None, material)
+        return Diagnosis(train, verdict_of(answers), answers, {}, first, first, None)
     held, order = None, None
     if held_out:
         among = _of_trains([effect.candidate for effect in named])
         found = with_effects(train, named)
         held_logs, state = equations_of(found, held_out)  # axles slide as with the named effects
-        without, beside = linearise(train, held_logs, state, among), linearise(found, held_logs, state, among)
+        without, beside = (
+            linearise(vehicle, held_logs, state, among, localised=state.sizes) for vehicle in (train, found)
+        )
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
@@ -69,13 +78,27 @@ def _named(
         return linearise(built, *sliding_in(built, start.train_logs, start.fit), first.candidates)
 
     def ask(seen: Linearised, named: Sequence[Sized], without: Collection[str]) -> Asked:
-        in_model = sizes_of(named, seen)
-        fitted = sizes_of([effect for effect in named if not effect.effect.binary], seen)  # binary: no size to fit
-        found = asked(seen, *hypotheses_of(seen), order_of(seen, good), in_model, fitted, without)
+        found = asked(seen, *hypotheses_of(seen), order_of(seen, good), sizes_of(named, seen), without)
         answers = with_dead_gauges(found.answers, named, look, seen, len(found.posterior.names))
         return found._replace(answers=answers)
 
     return named_together(train, look, ask, first)
+
+
+def _jackknifed(seen: Linearised) -> Answer | None:
+    """Return the answer that axles slide beside all that is named, nearly all the time; None if they do not.
+
+    Such a train has jackknifed, as one does whose driver hears a dead gauge: frames are bent by more than their model
+    covers, so that whatever explains some of it is likely, and wrong.
+    """
+    axles = always_sliding(seen.train, seen.train_logs, seen.fit.motions)
+    if not axles:
+        return None
+    which = f"axle {axles[0]} seems" if len(axles) == 1 else f"axles {', '.join(map(str, axles))} seem"
+    what = f"{which} to slide nearly all the time, as of a train that has jackknifed"
+    slip, half = float(np.hypot(seen.noise.rolling, seen.noise.side)), float(np.mean(half_track(seen.train)))
+    cost = slip * np.sqrt([WAY, np.pi / half])  # of a way, and of a turn on the spot
+    return Answer.judged_apart(Candidate(what, what, what), 1.0, 1.0, 0.0, cost)
 
 
 def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
@@ -94,7 +117,8 @@ def _first(train: TrainDescription, logs: Sequence[Log]) -> Linearised:
     """Return the statistics of all candidates in logs."""
     train_logs, state = equations_of(train, logs)
     unnamed = [rival for k, log in enumerate(train_logs) for rival in rivals(train, log, k)]
-    return linearise(train, train_logs, state, [*dead_gauges(train), *named_candidates(train), *unnamed])
+    candidates = [*dead_gauges(train), *named_candidates(train), *unnamed]
+    return linearise(train, train_logs, state, candidates, localised=state.sizes)
 
 
 def _of_trains(causes: Sequence[Cause]) -> list[Candidate]:

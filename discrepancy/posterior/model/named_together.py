@@ -290,25 +290,22 @@ def asked(
     places: Sequence[Place],
     order: GoodOrder,
     in_model: Array,
-    fitted: Array | None = None,
     without: Collection[str] = (),
 ) -> Asked:
     """Return the posterior over all hypotheses, and the answers that it gives, the most certain first.
 
     places: the candidate of each hypothesis. order: what robots in good order show. in_model: sizes in the model
-    already; fitted: those of them that have their maximum-likelihood size; None: all. without: families of which
-    there is no hypothesis.
+    already. without: families of which there is no hypothesis.
     """
     kept = [k for k, place in enumerate(places) if seen.candidates[place.candidate].family not in without]
     hypotheses, places = [hypotheses[k] for k in kept], [places[k] for k in kept]
-    fitted = in_model if fitted is None else fitted
-    single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
+    single, posterior, score = _posterior(hypotheses, order, seen, in_model)
     reestimated = seen.reestimate_noise(_likeliest(seen, posterior, places, in_model))
     if reestimated is not seen:
         seen = reestimated
-        single, posterior, score = _posterior(hypotheses, order, seen, in_model, in_model - fitted, fitted)
+        single, posterior, score = _posterior(hypotheses, order, seen, in_model)
     expected = sum((component.mean for component in posterior.components if component.nothing < 0.5), 0 * in_model)
-    single, posterior, score = _posterior(hypotheses, order, seen, in_model, expected - fitted, fitted)
+    single, posterior, score = _posterior(hypotheses, order, seen, in_model, expected - in_model)
     return Asked(posterior, answers_of(seen, single, posterior, score, places, in_model), order)
 
 
@@ -336,15 +333,15 @@ def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], l
 
 
 def _posterior(
-    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, in_model: Array, far: Array, fitted: Array
+    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, in_model: Array, far: Array | float = 0.0
 ) -> tuple[SingleEffects, Posterior, Array]:
     """Return the posterior of hypotheses beyond what robots in good order show, and the score that it comes from.
 
-    in_model: sizes in the model already. far, fitted: sizes that determine the error of signatures
-    (`Statistics.doubted`).
+    in_model: sizes in the model already. far: expected sizes beyond these (m,), 0 for none: both determine the error of
+    signatures (`Statistics.doubted`).
     """
     logs = agreeing([log.at(-in_model) for log in seen.logs], seen.lasting)
-    logs = [log.doubted(far, fitted) for log in logs]
+    logs = [log.doubted(far + 0 * in_model, in_model) for log in logs]
     beyond = order.beyond(logs)
     single = SingleEffects(hypotheses, beyond.information)
     return single, single.posterior(beyond.score), beyond.score

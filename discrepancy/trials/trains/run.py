@@ -1,6 +1,7 @@
 """Trials of trains: cases in pymunk physics, and the answers of the train finder, whose classes are names and places.
 
-The cost of hidden effects is that of the train's localisation (`discrepancy.trains.linearise`); their z is not known.
+The cost of hidden effects is that of the train's localisation. It, z and z_sep come from the finder's own equations
+(`discrepancy.trains.linearise`), about the motion with the effects in the model, which the finder does not know.
 """
 
 import dataclasses
@@ -11,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
 from castor_envs.motion.paths import SPEED
 from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.verdicts import Material
-from discrepancy.trains.candidates import Candidate
+from discrepancy.trains.candidates import Candidate, named_candidates
 from discrepancy.trains.linearise import linearise
 from discrepancy.trains.posterior import diagnose_train
 from discrepancy.trials.folder import LOGS, Settings, name_of
@@ -29,9 +30,6 @@ from estimators.likelihood.trains.states import equations_of
 
 STANDING = 0.5
 """m by which a path is shorter than the way at full speed: allows for starting, stopping and whole legs."""
-
-ALL = Material(0.0, 0.0)
-"""Materiality in a trial: all sizes matter, however small."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,7 +63,6 @@ class TrainPlan(Settings):
         if case.outside is not None:
             what = dataclasses.asdict(case.outside)
             hidden.append({"class": case.outside.name, "from": "outside", "what": what})
-        unknown: dict[str, list[float]] = {"z": [], "z_sep": [], "nearest": []}
         return {
             "stratum": case.stratum,
             "robot": name,
@@ -74,8 +71,8 @@ class TrainPlan(Settings):
             "clean": False,
             "reference": True,
             "hidden": hidden,
-            "log": {"cost": _costs(train, logs[0], case.hidden)} | unknown,
-            "holdout": unknown,
+            "log": strength_of(real, logs[0], case.hidden),
+            "holdout": strength_of(real, logs[1], case.hidden),
         }
 
     def answer(self, name: str, folder: Path) -> Said:
@@ -83,7 +80,7 @@ class TrainPlan(Settings):
         case = folder / "cases" / name
         train = TrainDescription.load(case / "train.json")
         log, held_out = (read_log(case / file, train) for file in LOGS)
-        diagnosis = diagnose_train(train, [log], [held_out], material=ALL)
+        diagnosis = diagnose_train(train, [log], [held_out])
         known = {candidate.what for candidate in diagnosis.before.candidates if candidate.kinds}
         singles = [
             Single.of(answer, lambda name: name if name in known else None, _size(answer))
@@ -92,12 +89,33 @@ class TrainPlan(Settings):
         return Said.of(singles, "; ".join(f"{answer.verdict}: {answer.reason}" for answer in diagnosis.answers))
 
 
-def _costs(train: TrainDescription, log: Log, hidden: Sequence[Candidate]) -> list[float]:
-    """Return the cost of ignoring each hidden effect of the catalogue, m per 10 m."""
+def strength_of(real: TrainDescription, log: Log, hidden: Sequence[Candidate]) -> dict[str, list[Any]]:
+    """Return the costs of ignoring each hidden effect of the catalogue, m per 10 m, z, z_sep, and what is nearest; of
+    several effects apart from each other. real: the train with them."""
     if not hidden:
-        return []
-    cost = linearise(train, *equations_of(train, [log]), hidden).cost[0]
-    return np.abs(cost * [_amplitude(candidate)[0] for candidate in hidden]).tolist()
+        return {"cost": [], "z": [], "z_sep": [], "nearest": []}
+    known = {candidate.what for candidate in hidden}
+    others = [other for other in named_candidates(real) if other.what not in known]
+    seen, count = linearise(real, *equations_of(real, [log]), [*hidden, *others]), len(hidden)
+    sizes = np.array([_amplitude(candidate)[0] for candidate in hidden])
+    scale = np.concatenate([sizes, np.ones(len(others))])
+    signals = seen.logs[0].information * np.outer(scale, scale)
+    z, z_sep, nearest = [], [], []
+    for k in range(count):
+        beside = [j for j in range(count) if j != k]
+        apart = [_apart(signals, k, [*beside, count + j]) for j in range(len(others))]
+        z.append(_apart(signals, k, beside))
+        z_sep.append(min(apart))
+        nearest.append(others[int(np.argmin(apart))].what)
+    cost = np.abs(seen.cost[0][:count] * sizes).tolist()
+    return {"cost": cost, "z": z, "z_sep": z_sep, "nearest": nearest}
+
+
+def _apart(information: Array, k: int, others: list[int]) -> float:
+    """Return the length of a signal less its projection on others, by the products of all of them."""
+    of_others = np.linalg.pinv(information[np.ix_(others, others)], rcond=1e-12, hermitian=True)
+    left = information[k, k] - information[k, others] @ of_others @ information[others, k]
+    return float(np.sqrt(max(left, 0.0)))
 
 
 def _amplitude(candidate: Candidate) -> list[float]:

@@ -143,7 +143,7 @@ class TrainLog:
             steps = np.column_stack([c * chord, s * chord])
             path = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), heading])
             if i > 0 and self.read[:, i - 1].any():
-                pose[:, i] = compose(pose[:, i - 1], inverse(self._seen(built, i - 1)))
+                pose[:, i] = compose(pose[:, i - 1], inverse(self.smoothed(built, i - 1)))
             elif len(self.at):
                 pose[:, i] = compose(compose(self.reference[0, i], inverse(path[self.at[0]])), path)
             elif i > 0:
@@ -160,7 +160,7 @@ class TrainLog:
         roll = (self.counts - self.counts[0]) * 2 * np.pi / per_turn
         return roll, (np.diff(roll, axis=0) * radius).reshape(-1, self.n, 2)
 
-    def _seen(self, built: TrainDescription, f: int) -> Array:
+    def smoothed(self, built: TrainDescription, f: int) -> Array:
         """Return the relative poses (K, 3) of a frame by its sensor, smoothed, with gaps filled."""
         frame, valid = built.frames[f], self.read[:, f]
         width = min(SMOOTH, int(valid.sum()))

@@ -5,8 +5,9 @@ import dataclasses
 import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
-from castor_envs.effects.train import AxleSlip, GaugeGain
+from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, GaugeGain
 from castor_envs.vehicles.presets import cfmmr
+from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
 from discrepancy.trains.candidates import Candidate
 from discrepancy.trains.examine import examine_train
@@ -72,3 +73,35 @@ def test_several_logs_are_fitted_together():
     assert all(found[0] == GaugeGain(frame=1, value=found[1]) for found in (one, other, both))
     assert both[2] == pytest.approx((one[2] ** -2 + other[2] ** -2) ** -0.5, rel=0.15)
     assert abs(both[1] - 0.1) < 3 * both[2]
+
+
+def test_the_gap_compares_descriptions_with_the_same_noise():
+    """Beside a wrong description a sensor seems noisy, so that the train is localised by its wheels, and the right one
+    looked worse. Here the wheels are held at speeds that disagree."""
+    train = TRAIN.with_effects(ForeshorteningLeftOut(frame=1, value=0.8))
+    log, other = (log_at_random(train, seed, 7.0, "servo") for seed in (1, 2))
+    effect, value, error, _ = only(diagnose_train(TRAIN, [log], [other], material=Material(0.0, 0.0)))
+    assert effect == ForeshorteningLeftOut(frame=1, value=value)
+    assert abs(value - 0.8) < 3 * error
+
+
+@pytest.mark.parametrize("drive", ["voltage", "servo"])
+def test_a_late_sensor_is_no_gain(drive):
+    log, other = (
+        Outside("sensor_late", wheel=0, frame=0, value=0.2, begins=0.0).changed(
+            TRAIN, log_at_random(TRAIN, seed, 5.0, drive)
+        )
+        for seed in (1, 2)
+    )
+    found = diagnose_train(TRAIN, [log], [other])
+    assert found.verdict == "unexplained"
+    assert {answer.credible for answer in found.answers} == {("frame A's sensor reads late",)}
+
+
+def test_a_jackknifed_train_is_told_as_such():
+    """A driver that hears a dead gauge steers axles held at speed across each other until they slide."""
+    train = TRAIN.with_effects(DeadGauge(frame=1, gauge=1))
+    found = diagnose_train(TRAIN, [log_at_random(train, 1, 5.0, "servo")])
+    assert found.verdict == "unexplained"
+    assert [answer.effect for answer in found.answers] == [None]
+    assert "axles 1, 2 seem to slide nearly all the time" in found.answers[0].reason

@@ -66,6 +66,12 @@ def test_a_dead_gauge_is_there_or_not(driven):
     assert after[1] < before[1]
 
 
+def test_a_weaker_effect_is_named_beside_a_dead_gauge(driven):
+    """The dead gauge is in the model as it is: no error of its signature, however much it explains, hides others."""
+    found = found_in(driven(dead=(4,), tracks=(0.98, 1.0)))
+    assert [*named(found)] == [("dead_gauge", None), ("track", 1)]
+
+
 def test_a_sensor_that_stops_is_named_at_its_time(driven):
     found = found_in(driven(stops=7.0), held_out=[driven(seed=2, stops=7.0)[0]])
     answer = only(found)

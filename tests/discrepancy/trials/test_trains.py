@@ -13,11 +13,13 @@ from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy import cli
+from discrepancy.trains.candidates import Candidate, named_candidates
 from discrepancy.trials import folder as trials
 from discrepancy.trials import scores
 from discrepancy.trials.trains import run
 from discrepancy.trials.trains.cases import BOUNDS, MIX, ONE_WAY, draw
 from discrepancy.trials.trains.outside import KINDS, Outside
+from discrepancy.trials.trains.simulate import log_at_random
 
 TRAIN = cfmmr(2)
 PLAN = run.TrainPlan(4, 5, "pymunk", ["cfmmr-2"], 6.0)
@@ -58,6 +60,17 @@ def folder(tmp_path_factory):
     return folder
 
 
+def test_strengths_are_in_proportion_to_small_effects():
+    radius = next(one for one in named_candidates(TRAIN) if one.what == "wheel radius, left wheel of axle 1")
+    found = []
+    for value in (0.004, 0.008):
+        effect = Candidate.of(radius.effect([value]), TRAIN, axle=1)
+        real = effect.added(TRAIN, [value])
+        found.append(run.strength_of(real, log_at_random(real, 1, 5.0), [effect]))
+    for key in ("cost", "z", "z_sep"):
+        assert found[1][key][0] / found[0][key][0] == pytest.approx(2.0, rel=0.15)
+
+
 def test_the_finder_gets_only_logs_and_the_nominal_train(folder):
     for number in range(1, 5):
         own = folder / "cases" / f"case-000{number}"
@@ -70,6 +83,8 @@ def test_the_finder_gets_only_logs_and_the_nominal_train(folder):
     one, clean = (json.loads((folder / "labels" / f"case-000{k}.json").read_text()) for k in (1, 3))
     assert one["hidden"][0]["class"] == draw(1, 5, TRAIN).hidden[0].what
     assert one["log"]["cost"][0] > 0
+    assert 0 < one["log"]["z_sep"][0] < one["log"]["z"][0]
+    assert one["log"]["nearest"] != [one["hidden"][0]["class"]]
     assert (clean["stratum"], clean["hidden"], clean["log"]["cost"]) == ("clean", [], [])
 
 
