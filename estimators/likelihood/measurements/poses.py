@@ -34,8 +34,8 @@ CLOCK = np.array([1.0, 0.05])
 """s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
 
 SWINGING = 0.1
-"""s before and after a pose from which the acceleration of the tracked point is taken: less is noise of counts, and in
-more a robot starts and stops."""
+"""s: half of the time before and after a pose from which the acceleration of the tracked point is taken: less is noise
+of counts, and in more a robot starts and stops."""
 
 RATE_KNOWN = 1e-6
 """s/s: standard deviation of a known rate."""
@@ -125,16 +125,21 @@ class ReferencePoses:
         return kinds
 
     def accelerations(self, state: Array, clock: Array, mount: Array) -> Array:
-        """Return the accelerations (k, 2) of the tracked point where poses in use were taken, m/s2."""
+        """Return the accelerations (k, 2) of the tracked point where poses in use were taken, m/s2.
+
+        They come from samples around a pose and not from those next to it, with whose errors, of when they were read,
+        the pose's own would be in proportion.
+        """
         at, part, _ = self._shown(clock)
+        apart = max(SWINGING, 2 * float(np.median(np.diff(self._t))))
         taken = self._t[at] + part[:, 0] * (self._t[at + 1] - self._t[at])
-        taken = np.clip(taken, self._t[0] + SWINGING, max(self._t[-1] - SWINGING, self._t[0] + SWINGING))
+        taken = np.clip(taken, self._t[0] + 2 * apart, max(self._t[-1] - 2 * apart, self._t[0] + 2 * apart))
         tracked = compose(state[:, :3], mount)[:, :2]
-        before, there, after = (
-            np.column_stack([np.interp(taken + by, self._t, axis) for axis in tracked.T])
-            for by in (-SWINGING, 0.0, SWINGING)
+        outer, inner = (
+            sum(np.column_stack([np.interp(taken + by, self._t, axis) for axis in tracked.T]) for by in (-away, away))
+            for away in (2 * apart, apart)
         )
-        return (before - 2 * there + after) / SWINGING**2
+        return (outer - inner) / (3 * apart**2)
 
     def steps_of(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the sample after which each of these samples' pose was taken, and the part (k, 1) of the step up to
