@@ -10,6 +10,7 @@ from castor_envs.files import writing
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
 from castor_envs.logs.importers import import_sessions, importers
 from castor_envs.logs.mapping.channel_map import UNDECIDED, Column, Source
+from castor_envs.logs.mapping.guess import possible_wheels
 from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.recordings import formats, recognised
 from castor_envs.logs.recordings.recording import Clock, Found
@@ -82,8 +83,12 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
     guessed = guess_map(found, clock, described)
     undecided = [key for key, column in guessed.columns.items() if UNDECIDED in column.channels]
     pose = {key: column for key, column in guessed.columns.items() if key.startswith("ref_")}
-    if pose and len(undecided) == len(guessed.columns) - len(pose):
-        _show_reference(source, clock, pose)
+    if not possible_wheels(found):
+        print("\nno channel can be a wheel's: poses and speeds of a body, as of odometry or TF, are no encoders")
+        if pose:
+            _show_reference(source, clock, pose)
+        else:
+            _show_remedies(source)
         return
     if MAP.exists():
         print(f"\n{MAP}: is there already, and is left alone; move it to have a new one made")
@@ -100,6 +105,8 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         given = shortened(", ".join(column.channels))
         unit = column.unit if column.source == "main" else f"{column.unit}, source {column.source!r}"
         print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
+    if pose and all(key in pose or key in undecided for key in guessed.columns):
+        print("note: no name says which channel is a wheel's; if none is, this is the reference of another recording")
     if remark := Places(described).remark(guessed):
         print(f"note: {remark}")
     todo = [f"replace each {UNDECIDED!r} by a channel"] if undecided else []
@@ -117,11 +124,19 @@ def _show_reference(source: Path, clock: Clock, pose: Mapping[str, Column]) -> N
     added = ChannelMap(
         sources={"tracker": place}, columns={key: replace(column, source="tracker") for key, column in pose.items()}
     ).to_dict()
-    print("\nno channel is a wheel's: this is the reference of another recording; add to the map of that one, with the")
-    print("path of this file as seen from the folder of that one, and the 'offset' between their clocks, s:")
+    print("this is the reference of another recording; add to the map of that one, with the path of this file as seen")
+    print("from the folder of that one, and the 'offset' between their clocks, s:")
     for part in ("sources", "columns"):
         for key, value in added[part].items():
             print(f'  {part}: "{key}": {json.dumps(value)}')
+
+
+def _show_remedies(source: Path) -> None:
+    """Print what can be done with a recording that has neither wheels nor a tracker's pose."""
+    print(
+        "next: record the wheels too, as joint states or ticks; or, where a pose here was measured from outside, add it"
+    )
+    print(f"to the map of a recording of the wheels, as ref_... or fix_..., of a source whose 'file' is {source.name}")
 
 
 def _print_channels(source: Path, kind: str, clock: Clock, found: Mapping[str, Found]) -> None:

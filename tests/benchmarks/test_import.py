@@ -182,6 +182,31 @@ def test_no_command_that_fails_is_printed_while_a_column_is_undecided(tmp_path, 
     assert printed.splitlines()[-1].startswith("next: edit map.json: replace each '?'")
 
 
+@pytest.mark.parametrize("names", ["time,A,B,x,y,theta", "zeit;links;rechts;x;y;theta"])
+def test_wheels_that_no_name_tells_are_to_be_chosen_beside_a_reference(tmp_path, capsys, monkeypatch, names):
+    monkeypatch.chdir(tmp_path)
+    rows = [names, *(f"{k};{9 * k};{9 * k};{k};0;0" for k in range(5))]
+    Path("run.csv").write_text("\n".join(rows if ";" in names else (row.replace(";", ",") for row in rows)) + "\n")
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert code == 0
+    assert "note: no name says which channel is a wheel's; if none is, this is the reference" in printed
+    columns = json.loads(Path("map.json").read_text())["columns"]
+    assert {key: column["channel"] for key, column in columns.items()} == {
+        "wheel_1l": "?", "wheel_1r": "?", "ref_x": "x", "ref_y": "y", "ref_psi": "theta",
+    }  # fmt: skip
+
+
+def test_odometry_alone_is_no_log_and_what_to_do_is_said(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,odom_x,odom_y,odom_theta\n" + "".join(f"{k},{k},0,0\n" for k in range(5)))
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert code == 0
+    assert "no channel can be a wheel's: poses and speeds of a body, as of odometry or TF, are no encoders" in printed
+    assert "next: record the wheels too" in printed
+    assert "this is the reference" not in printed
+    assert not Path("map.json").exists()
+
+
 @pytest.mark.parametrize("kind", ["tum", "kitti"])
 def test_a_trajectory_alone_is_the_reference_of_another_recording(tmp_path, capsys, monkeypatch, kind):
     """What is shown, added to the map of a drive, makes its reference, with the positions of the file."""

@@ -26,6 +26,10 @@ TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
 """Words of poses that are estimates, which are no reference."""
 
+BODY = HEADING | set("x y z w vx vy vz dx dy dtheta qx qy qz qw roll pitch omega".split())
+"""Words of the pose and the motion of a body, which no wheel has."""
+ENCODER = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks"}
+
 _PER_SECOND = re.compile(
     r"(°|deg|rad|rev|rot|tick|count|m)(s|rees|ians|ations|eters|etres)?[ _]?(/|_|per)[ _]?s(ec)?(?![a-z\d])"
 )
@@ -33,6 +37,9 @@ _PER_SECOND = re.compile(
 
 _MOTOR = re.compile(r"(?<![A-Za-z])[mM]\d")
 """A motor's name, such as ``M1``, whose letter is no unit."""
+
+_JOINT = re.compile(r"(?:^| )((?:position|velocity)\[.*\])$")
+"""What names a joint of ROS in a channel: ``velocity[left]`` of whatever topic."""
 
 _IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
 """Joints of ROS and angles of WPILib's structs, whose units their definitions say."""
@@ -81,6 +88,13 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     return ChannelMap(columns=ordered, sources=sources)
 
 
+def possible_wheels(found: Iterable[str]) -> list[str]:
+    """Return the channels that may be a wheel's, whatever they are called: all but poses and motions of a body, as of
+    trackers, odometry, TF and IMUs, commands, and quantities that are no motion."""
+    never = BODY | COMMANDED | NEVER
+    return [name for name in found if words_of(name) & ENCODER or not (words_of(name) & never or _is_gyro(name))]
+
+
 def _log_units(columns: LogColumns) -> dict[str, str]:
     """Return the columns of a log and their units, for files that have them already."""
     units = {"wheel": "counts", "pivot": "counts", "command": "rad/s", "steering_command": "rad/s", "gyro": "rad/s"}
@@ -117,7 +131,9 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
         return 0
     match = re.search(r"(\d+)([lr])?$", key)
     number, side = (match[1], match[2]) if match else ("", None)
-    of_wheel = words is WHEEL and (given <= SAID | SPEED | UNITS or name.endswith(".speed"))
+    joint = _JOINT.search(name)
+    alone = words_of(joint[1]) if joint else given
+    of_wheel = words is WHEEL and (alone <= SAID | SPEED | UNITS or name.endswith(".speed"))
     score = 2 if given & words or of_wheel else 0
     if words is WHEEL:
         score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from castor_envs.logs import import_log
-from castor_envs.logs.mapping.guess import guess_map
+from castor_envs.logs.mapping.guess import guess_map, possible_wheels
 from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.recordings import open_recording
 from castor_envs.logs.recordings.recording import Clock, Found, survey
@@ -22,6 +22,7 @@ def guessed(robot, *channels, whole=False):
     [
         ("/joint_states position[left_wheel_joint]", "/joint_states position[right_wheel_joint]", "rad"),
         ("/joint_states velocity[wheel_left]", "/joint_states velocity[wheel_right]", "rad/s"),
+        ("/joint_states velocity[left]", "/joint_states velocity[right]", "rad/s"),
         ("left_ticks", "right_ticks", "counts"),
         ("encL", "encR", "counts"),
         ("left", "right", "rad"),
@@ -169,6 +170,13 @@ def test_all_wheels_come_from_names_of_one_family():
     modules = [f"NT:/ModulePositions[{k}].distance" for k in range(4)]
     found = guessed("swerve", "SmartDashboard/Left Encoder", "SmartDashboard/Right Encoder", *modules)
     assert [found[f"wheel_{k + 1}"] for k in range(4)] == [(name, "m") for name in modules]
+
+
+def test_poses_and_motions_of_a_body_cannot_be_a_wheel_and_what_else_counts_can():
+    poses = ["/odom pose.pose.x", "/tf odom>base.heading", "/vicon/robot w>robot.y", "x_mm", "theta", "camera heading"]
+    motions = ["/odom twist.twist.angular.z", "/imu linear_acceleration.x", "NT:/speeds.omega", "gyro", "cmd_left"]
+    wheels = ["A", "links", "/joints velocity[base]", "/wheel_ticks vector.x", "NT:/modules[0].distance", "#2"]
+    assert possible_wheels([*poses, *motions, *wheels]) == wheels
 
 
 def test_what_nothing_speaks_for_is_left_open():
