@@ -26,7 +26,8 @@ TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
 """Words of poses that are estimates, which are no reference."""
 
-BODY = HEADING | set("x y z w vx vy vz dx dy dtheta qx qy qz qw roll pitch omega".split())
+PLACED = {"x", "y", "z", "w", "qx", "qy", "qz", "qw", "roll", "pitch"} | HEADING
+BODY = PLACED | {"vx", "vy", "vz", "dx", "dy", "dtheta", "omega"}
 """Words of the pose and the motion of a body, which no wheel has."""
 ENCODER = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks"}
 

@@ -14,15 +14,13 @@ from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.agreement import agreement_notes
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
+from castor_envs.logs.mapping.limits import limit_notes
 from castor_envs.logs.mapping.series import Track, row_times
 from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind_of, radians_in
 from castor_envs.logs.recordings import open_recording
 from castor_envs.logs.recordings.recording import Series, heading_of, survey
 from castor_envs.logs.reference import TimedPoses
 from castor_envs.vehicles.robot import RobotDescription
-
-TOO_FAST = 3.0
-"""How much faster than the robot file's limit a wheel may be before its unit is in doubt: limits are rough."""
 
 ROUNDED = 1e-3
 """Part by which a counter may reach beyond where it wraps: 6.28 is given for a turn."""
@@ -50,7 +48,7 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     log, tracked = _log_of(robot, columns, by, _tracks(Path(source), columns, by, name, notes), notes)
     if tracked is not None:
         notes += [*_reference_notes(log, tracked), *agreement_notes(robot, log)]
-    return Imported(log, tracked, (*notes, *_robot_notes(robot, columns, log)))
+    return Imported(log, tracked, (*notes, *limit_notes(robot, by, log)))
 
 
 def _log_of(
@@ -269,23 +267,3 @@ def _commands(
         found.append(tracks[key].before(t) * factor)
     given = np.column_stack(found)
     return np.where(np.isfinite(given).all(axis=1, keepdims=True), given, np.nan)
-
-
-def _robot_notes(robot: RobotDescription, columns: LogColumns, log: Log) -> Iterator[str]:
-    """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro that it lacks."""
-    if log.fix is not None and robot.fixes is None:
-        yield 'fix_x: the robot file has no "fixes", so that estimators do not use them; add them, with their noise'
-    if log.gyro is not None and robot.gyro is None:
-        yield 'gyro_z: the robot file has no "gyro", so that estimators do not use it; add one, with its "noise"'
-    steps = np.diff(log.t)
-    for key, k, counts in zip(columns.wheel, robot.driven_wheels, log.wheel.T, strict=True):
-        turn = robot.wheels[k].counts_per_rev or 1.0
-        fast = float(np.percentile(np.abs(np.diff(counts)) / steps, 95)) * 2 * np.pi / turn
-        if fast > TOO_FAST * robot.max_wheel_speed:
-            yield (
-                f"{key}: turns at {fast:.3g} rad/s, the robot's limit is {robot.max_wheel_speed:g}: is its unit right, "
-                "and its counts_per_rev?"
-            )
-    period = float(np.median(steps))
-    if abs(period / robot.sample_period - 1) > 0.1:
-        yield f"rows come every {period:.4g} s, the robot file's sample_period is {robot.sample_period:g} s: mend that"

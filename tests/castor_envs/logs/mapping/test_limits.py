@@ -1,0 +1,71 @@
+"""What a robot's wheels cannot have done is said of an import: counters that wrap, resets, wrong readings."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from castor_envs.logs import ChannelMap, import_log
+from castor_envs.vehicles.presets import preset
+
+ROBOT = dataclasses.replace(preset("differential"), sample_period=0.02, max_wheel_speed=15.0)
+PER_RADIAN = (ROBOT.wheels[0].counts_per_rev or 0) / (2 * np.pi)
+T = 0.02 * np.arange(501)
+COUNTS = np.round((4 * T + np.sin(T)) * PER_RADIAN)
+
+
+def notes(folder, left, t=T, **column):
+    """Return what is said of the left wheel; the right one has the counts of a drive."""
+    rows = (",".join(map(repr, row)) for row in zip(t.tolist(), left.tolist(), COUNTS.tolist(), strict=True))
+    (folder / "run.csv").write_text("\n".join(["t,left,right", *rows]) + "\n")
+    columns = {
+        "wheel_1l": {"channel": "left", "unit": "counts"} | column,
+        "wheel_1r": {"channel": "right", "unit": "counts"},
+    }
+    by = ChannelMap.from_dict({"format": "castor-map/1", "sources": {"main": {"time": "t"}}, "columns": columns})
+    return [note for note in import_log(folder / "run.csv", ROBOT, by).notes if note.startswith("wheel_1l: ")]
+
+
+@pytest.mark.parametrize(
+    ("value", "column", "period"),
+    [
+        (COUNTS % 4096, {}, "4096"),
+        (-COUNTS % 4096, {"sign": -1}, "4096"),
+        (COUNTS % 65536 * 2, {"scale": 0.5}, None),
+        (COUNTS * 30 % 65536, {"scale": 1 / 30}, "65536"),
+        (COUNTS / PER_RADIAN % (2 * np.pi), {"unit": "rad"}, "6.28319"),
+        (np.degrees(COUNTS / PER_RADIAN) % 360, {"unit": "deg"}, "360"),
+    ],
+)
+def test_a_counter_that_wraps_is_said_and_where(tmp_path, value, column, period):
+    said = notes(tmp_path, value, **column)
+    if period is None:
+        assert said == []
+        return
+    assert len(said) == 1
+    assert f'does it wrap at {period}? add "wraps_at": {period} to the map' in said[0]
+    whole = {"6.28319": 2 * np.pi}.get(period, float(period))
+    assert notes(tmp_path, value, **column, wraps_at=whole) == []
+
+
+def test_a_reset_and_a_wrong_reading_are_said_with_their_time_and_size(tmp_path):
+    reset, wrong, coarse = COUNTS.copy(), COUNTS.copy(), np.round(COUNTS / 200)
+    reset[300:] -= COUNTS[300]
+    wrong[200] = 0
+    step = reset[300] - reset[299]
+    assert notes(tmp_path, reset) == [
+        f"wheel_1l: jumps by {step:.6g} counts after 5.980 s of the log: was it reset, or a reading wrong? cut the "
+        "recording there, or blank the reading"
+    ]
+    (said,) = notes(tmp_path, wrong)
+    assert f"jumps by {-COUNTS[199]:.6g} counts after 3.980 s of the log, and 1 more" in said
+    assert notes(tmp_path, coarse) == []
+
+
+def test_readings_that_were_held_up_and_gaps_are_no_jumps(tmp_path):
+    """Every second a tenth of the readings comes at once, 0.1 ms apart; or a tenth of the drive is missing."""
+    k = np.arange(501)
+    late = np.where(k % 50 < 5, T[k - k % 50] + 0.09 + 1e-4 * (k % 50), T)
+    assert notes(tmp_path, COUNTS, late) == []
+    gap = np.where(T > 5, T + 1.0, T)
+    assert notes(tmp_path, COUNTS + np.where(T > 5, np.round(4 * PER_RADIAN), 0), gap) == []
