@@ -13,11 +13,14 @@ from castor_envs.logs.mapping.channel_map import UNDECIDED, Column, Source
 from castor_envs.logs.mapping.guess import possible_wheels
 from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.recordings import formats, recognised
-from castor_envs.logs.recordings.recording import Clock, Found
+from castor_envs.logs.recordings.recording import Clock, Found, Recording
 from castor_envs.vehicles.load import load_robot
 
 PUBLISHED, LOG, MAP = Path("measured"), Path("log.csv"), Path("map.json")
 """Where things go unless told: the folder of published data, a log, a map to edit."""
+
+LONGEST = 400
+"""Characters of a line that lists what is left out."""
 
 
 def import_source(source: Path, robot: str | None, channel_map: Path | None, out: Path | None) -> None:
@@ -73,7 +76,7 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
     recording = open_recording(source)
     clock = recording.clock()
     found = survey(recording, clock)
-    _print_channels(source, recording.kind, clock, found)
+    _print_channels(source, recording, clock, found)
     if out is not None:
         print(f"note: without --map no log is made, and --out {out} is not used")
     if described is None:
@@ -139,17 +142,30 @@ def _show_remedies(source: Path) -> None:
     print(f"to the map of a recording of the wheels, as ref_... or fix_..., of a source whose 'file' is {source.name}")
 
 
-def _print_channels(source: Path, kind: str, clock: Clock, found: Mapping[str, Found]) -> None:
+def _print_channels(source: Path, recording: Recording, clock: Clock, found: Mapping[str, Found]) -> None:
+    """Print what each channel holds, what is none, and why; raises InputError where there is no channel at all."""
+    left_out = _left_out(recording)
     if not found:
-        raise InputError(f"{source}: {kind} without numbers that can be read")
+        without = "; ".join([f"{source}: {recording.kind} without numbers that can be read", *left_out])
+        raise InputError(shortened(without, LONGEST))
     start, end = min(channel.start for channel in found.values()), max(channel.end for channel in found.values())
     by = f", by the clock {clock.time!r}" if clock.time is not None else ""
     if clock.period is not None:
         by = f" if there is one row every {clock.period:g} s, as nothing says; give the 'period', or 'time', in the map"
-    print(f"{source}: {kind}, {(end - start) / 1e9:.1f} s{by}")
+    print(f"{source}: {recording.kind}, {(end - start) / 1e9:.1f} s{by}")
     shown = {name: shortened(name) for name in sorted(found)}
     width = max(len(name) for name in (*shown.values(), "channel"))
     print(f"{'channel':{width}}  readings  a second      lowest     highest")
     for name, text in shown.items():
         channel = found[name]
         print(f"{text:{width}}  {channel.count:8}  {channel.rate:8.4g}  {channel.low:10.5g}  {channel.high:10.5g}")
+    for line in (*left_out, *(f"note: {note}" for note in recording.notes)):
+        print(shortened(line, LONGEST))
+
+
+def _left_out(recording: Recording) -> list[str]:
+    """Return what a recording holds beside its channels, a line for each reason."""
+    of: dict[str, list[str]] = {}
+    for name, why in sorted(recording.left_out.items()):
+        of.setdefault(why, []).append(name)
+    return [f"left out ({why}): {', '.join(names)}" for why, names in of.items()]

@@ -21,6 +21,8 @@ COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "d
 SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm"}
 RATE = SPEED | {"rate", "omega", "dps", "per", "s", "sec"}
 UNITS = {"rad", "deg", "rev", "m", "s"}
+BARE = UNITS | {"ms", "us", "ns", "cm", "mm", "rpm"}
+"""Words that alone, or with the number of a column, are a unit and name nothing."""
 NEVER = {"effort", "torque", "current", "voltage", "volts", "temperature", "covariance", "heading"}
 TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "tracker", "ref", "reference", "opti"}
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
@@ -126,6 +128,8 @@ def _alike(keys: Sequence[str], free: Iterable[str], words: set[str], places: Pl
 
 def _score(key: str, name: str, words: set[str], places: Places) -> int:
     given = words_of(name)
+    if given <= BARE | {word for word in given if word.isdigit()}:
+        return 0
     if given & NEVER or (words is not COMMANDED and given & COMMANDED) or _is_gyro(name):
         return 0
     if words is PIVOT and (given & SPEED or _PER_SECOND.search(name.lower())):  # a pivot's angle is needed
@@ -138,7 +142,7 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
     score = 2 if given & words or of_wheel else 0
     if words is WHEEL:
         score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0
-        score -= 3 if "angle" in given else 0
+        score -= 3 if "angle" in given and "wheel" not in given else 0
         score += 1 if given & SPEED else 0
         score += 1 if "wheel" in given else 0
         if score <= 0:

@@ -83,13 +83,16 @@ def _stacked(columns: list[Array], t: Array) -> Array:
 
 def _tracks(source: Path, columns: LogColumns, by: ChannelMap, name: str, notes: list[str]) -> dict[str, Track]:
     """Return the readings of each column, s since the first count; those that are left out are noted."""
-    readings = _readings(source, by, name)
+    readings = _readings(source, by, name, notes)
     begin = min(readings[key][0].time[0] for key in (*columns.wheel, *columns.pivot))
     return {key: _track(f"{name}: columns.{key}", by, key, readings.pop(key), begin, notes) for key in by.columns}
 
 
-def _readings(source: Path, by: ChannelMap, name: str) -> dict[str, list[Series]]:
-    """Return the readings of each column, one series for each of its channels; offsets are added."""
+def _readings(source: Path, by: ChannelMap, name: str, notes: list[str]) -> dict[str, list[Series]]:
+    """Return the readings of each column, one series for each of its channels; offsets are added.
+
+    notes: get what is to be said of the recordings.
+    """
     found: dict[tuple[str, str], Series] = {}
     for key, place in by.sources.items():
         needed = frozenset(c for column in by.columns.values() if column.source == key for c in column.channels)
@@ -99,6 +102,7 @@ def _readings(source: Path, by: ChannelMap, name: str) -> dict[str, list[Series]
         series = {channel: Series(recording.held) for channel in needed}
         for reading in recording.readings(needed, place.clock):
             series[reading.channel].add(reading)
+        notes += recording.notes
         absent = [channel for channel in needed if not series[channel].time]
         if absent:
             known = survey(recording, place.clock)

@@ -1,30 +1,29 @@
 """CSV files with any columns: a channel is a column, by the name in the header.
 
-The header is the line before the first row of numbers; lines above it are left alone. A name that stands twice gets its
-place (``X``, ``X #2``), a column without a name too (``#3``). Cells are separated by commas, semicolons or tabs,
-whichever gives the most of them, or else by blanks. Between semicolons or tabs a number may have a decimal comma. A
-blank cell is no reading, so one file may hold several rates. Times are numbers, dates as ISO 8601 writes them (UTC
-where they name no zone), or whole seconds and nanoseconds in two columns, as of ROS: ``stamp.sec + stamp.nanosec``.
+The header is the line before the first row of numbers, or the one before that where it holds units, which names then
+end with: ``left [deg]``. Lines above it are left alone, and so is what begins with ``#``. A name that stands twice gets
+its place (``X``, ``X #2``), a column without a name too (``#3``). Cells are separated by commas, semicolons, tabs,
+bars or blanks, whichever makes most of them numbers. Numbers may have a decimal comma, between commas in quotes. A
+blank cell, or ``NA``, ``NULL`` or ``-``, is no reading, so one file may hold several rates. Times are numbers, dates
+as ISO 8601 writes them (UTC where they name no zone), or whole seconds and nanoseconds in two columns, as of ROS:
+``stamp.sec + stamp.nanosec``.
 """
 
-import csv
 import itertools
 import math
 import re
-from collections.abc import Generator, Iterator
-from datetime import UTC, datetime, timedelta
+from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
-from typing import TextIO
 
 import numpy as np
 
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.geometry.arrays import Array
+from castor_envs.logs.recordings.csv_cells import cells_of, date, is_blank, is_number, value_of
+from castor_envs.logs.recordings.csv_layout import head_of, layout_of
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, TimeUnit, nanoseconds
+from castor_envs.logs.recordings.text_lines import first_row, is_comment, numbered_lines
 from castor_envs.logs.table import Line, complaint, number
-
-HEAD = 100
-"""Lines in which the first row of numbers must come."""
 
 _TIME = re.compile(
     r"(?:.*[\s_./%])?(?:t|time|times|timestamp|stamp|secs?|seconds|millis|micros|nanos|epoch|elapsed|uptime)(?:[\s_\[(].*)?",
@@ -37,46 +36,12 @@ PLUS = " + "
 
 _NAMED_UNIT = re.compile(r"[\[(](s|secs?|ms|us|µs|ns)[\])]", re.IGNORECASE)
 
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _UNIT_IN_NAME: dict[TimeUnit, str] = {
     "ns": r"(^|[\s_\[(])(ns|nsecs?|nanos|nanosecs?|nanoseconds)\b",
     "us": r"(^|[\s_\[(])(us|µs|usecs?|micros|microseconds)\b",
     "ms": r"(^|[\s_\[(])(ms|msecs?|millis|milliseconds)\b",
+    "s": r"[\s_\[(](s|secs?|seconds)\b",
 }
-
-
-def is_number(cell: str) -> bool:
-    """Return whether a cell's text is a number; NaN is one."""
-    return value_of(cell) is not None
-
-
-def value_of(cell: str) -> float | None:
-    """Return the number in a cell, None of any other text."""
-    try:
-        return None if "_" in cell else float(cell)
-    except ValueError:
-        return None
-
-
-def date(cell: str) -> int | None:
-    """Return a date as ISO 8601 writes it as ns since 1970, to the microsecond, UTC where it names no zone; or None."""
-    if not (cell[:4].isdigit() and cell[4:5] == "-"):
-        return None
-    try:
-        read = datetime.fromisoformat(cell)
-    except ValueError:
-        return None
-    return (read.replace(tzinfo=read.tzinfo or UTC) - _EPOCH) // timedelta(microseconds=1) * 1000
-
-
-def first_row(path: Path) -> list[str] | None:
-    """Return the cells of the first line that is no comment, split at blanks; None for what is no text."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            return next((line.split() for line in file if line.strip() and not line.startswith("#")), None)
-    except (OSError, UnicodeDecodeError):
-        return None
 
 
 def _is_table(path: Path) -> bool:
@@ -95,10 +60,12 @@ class Table:
 
     def __init__(self, path: Path) -> None:
         self._path = path
-        head = [line for _, line in itertools.islice(self._numbered(), HEAD)]
-        if not any(map(str.strip, head)):
+        self.notes: list[str] = []
+        self.left_out: dict[str, str] = {}
+        head = head_of(numbered_lines(path, self.notes))
+        if not head:
             raise complaint(path, None, None, "is empty; a CSV file was expected")
-        self._delimiter, self._names, self._header = self._layout(head)
+        self._delimiter, self._decimal_comma, self._names, self._header = layout_of(path, head)
 
     def clock(self) -> Clock:
         """Return the first column that is called like a time, or holds dates, and its unit; of none, the only one that
@@ -136,6 +103,8 @@ class Table:
             (self._names.index(n), "ns" if k else clock.unit) for k, n in enumerate(by)
         ]
         taken = [(k, n) for k, n in enumerate(self._names) if n not in by and (channels is None or n in channels)]
+        seen: set[str] = set()
+        odd: dict[str, str] = {}
         for row, line in enumerate(self._lines()):
             time = sum(self._time(line, k, unit) for k, unit in parts)
             if not parts:
@@ -145,9 +114,29 @@ class Table:
                 if not cell:
                     continue
                 if (value := value_of(cell)) is not None:
+                    seen.add(name)
                     yield Reading(name, time, value)
+                elif is_blank(cell):
+                    continue
                 elif channels is not None:
                     raise complaint(self._path, line.number, name, f"{cell!r} is not a number; mend or blank it")
+                elif name not in odd:
+                    odd[name] = f"{cell!r} in line {line.number}"
+        if channels is None:
+            self.left_out = dict(self._left_out({*seen, *by}, odd))
+
+    def _left_out(self, seen: set[str], odd: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+        """Yield which columns are left out, and why.
+
+        seen: those with numbers, and the clock. odd: of those with other text its first cell and line.
+        """
+        for k, name in enumerate(self._names, start=1):
+            if name in odd and name in seen:
+                yield name, f"in part, from {odd[name]} on: an import refuses what is no number; mend or blank it"
+            elif name in odd:
+                yield name, "text"
+            elif name not in seen and name != f"#{k}":
+                yield name, "blank in all rows"
 
     def _time(self, line: Line, at: int, unit: TimeUnit) -> int:
         """Return the time, ns, in a cell of a line."""
@@ -156,71 +145,17 @@ class Table:
             return read
         return nanoseconds(number(self._path, line.number, self._names[at], cell), unit, f"{self._path}:{line.number}")
 
-    def _text(self) -> TextIO:
-        try:
-            return self._path.open(encoding="utf-8-sig", newline="")
-        except OSError as error:
-            raise complaint(self._path, None, None, f"cannot be read ({error.strerror or error})") from None
-
-    def _layout(self, head: list[str]) -> tuple[str, list[str], int]:
-        """Return the delimiter, the columns' names, and after how many lines the rows begin."""
-        best: tuple[tuple[float, int], str, list[str], int] | None = None
-        for delimiter in (",", ";", "\t", " "):
-            rows = [self._cells(k, line, delimiter) for k, line in enumerate(head, start=1)]
-            first = next((k for k, cells in enumerate(rows) if _is_row(cells)), None)
-            if first is None:
-                continue
-            fits = sum(_is_read(cell) or not cell for cell in rows[first]) / len(rows[first]), len(rows[first])
-            if best is None or (delimiter != " " and fits > best[0]):
-                above = [cells for cells in rows[:first] if any(cells)]
-                names = above[-1] if above and len(above[-1]) == len(rows[first]) else [""] * len(rows[first])
-                best = fits, delimiter, names, first
-        if best is None:
-            raise complaint(self._path, None, None, f"holds no row of numbers in its first {HEAD} lines")
-        _, delimiter, names, first = best
-        return delimiter, _distinct(names), first
-
     def _lines(self) -> Iterator[Line]:
-        for k, text in self._numbered():
-            if k <= self._header or not text.strip() or text.startswith("#"):
+        for k, text in numbered_lines(self._path, self.notes):
+            if k <= self._header or not text.strip() or is_comment(text):
                 continue
-            cells = self._cells(k, text, self._delimiter)
+            cells = cells_of(self._path, k, text, self._delimiter, self._decimal_comma)
+            if len(cells) == len(self._names) + 1 and not cells[-1]:  # a delimiter at the end
+                cells.pop()
             if len(cells) != len(self._names):
                 problem = f"has {len(cells)} cells, the header {len(self._names)}; mend or remove the line"
                 raise complaint(self._path, k, None, problem)
             yield Line(k, cells)
-
-    def _numbered(self) -> Iterator[tuple[int, str]]:
-        """Yield the lines of the file and their numbers, from 1."""
-        with self._text() as file:
-            try:
-                yield from enumerate(file, start=1)
-            except UnicodeDecodeError:
-                raise complaint(self._path, None, None, "is not text in UTF-8; save it as UTF-8") from None
-
-    def _cells(self, number: int, line: str, delimiter: str) -> list[str]:
-        line = line.strip("\r\n")
-        if delimiter == " ":
-            return line.lstrip("#").split()
-        plain = '"' not in line and len(line) < csv.field_size_limit()  # which is split much faster
-        try:
-            found = line.split(delimiter) if plain else next(csv.reader([line], delimiter=delimiter), [])
-            cells = [cell.strip() for cell in found]
-        except csv.Error as error:
-            raise complaint(self._path, number, None, f"is not CSV ({error}); mend the line") from None
-        if delimiter != ",":
-            cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
-        return [cells[0].lstrip("# "), *cells[1:]] if cells else cells
-
-
-def _is_row(cells: list[str]) -> bool:
-    """Return whether most cells are numbers or dates."""
-    given = [cell for cell in cells if cell]
-    return len(given) > 1 and sum(map(_is_read, given)) > len(given) / 2
-
-
-def _is_read(cell: str) -> bool:
-    return is_number(cell) or date(cell) is not None
 
 
 def _rises(cells: list[str]) -> bool:
@@ -228,13 +163,6 @@ def _rises(cells: list[str]) -> bool:
     values = [value_of(cell) for cell in cells]
     known = np.array([math.nan if value is None else value for value in values])
     return len(known) > 2 and bool(np.all(np.diff(known) > 0))
-
-
-def _distinct(names: list[str]) -> list[str]:
-    found: list[str] = []
-    for k, name in enumerate(names, start=1):
-        found.append(f"{name} #{k}".strip() if not name or name in found else name)
-    return found
 
 
 def _unit(name: str, times: Array) -> TimeUnit:

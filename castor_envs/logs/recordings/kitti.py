@@ -24,6 +24,8 @@ class KittiText:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.notes: list[str] = []
+        self.left_out: dict[str, str] = {}
 
     def clock(self) -> Clock:
         """Return 10 Hz, the rate of the KITTI data, to be edited."""

@@ -48,10 +48,14 @@ class Recording(Protocol):
     """An opened recording.
 
     kind: what it is, for people. held: whether a value is written only where it changes, and stays until the next.
+    notes: what is to be said of what was read so far. left_out: once all channels were read, what is none of them, or
+    not wholly, and why.
     """
 
     kind: str
     held: bool
+    notes: list[str]
+    left_out: dict[str, str]
 
     def clock(self) -> Clock:
         """Return the clock that a map takes at first; of rows without times a period, to be edited."""
@@ -140,12 +144,16 @@ class Found:
 
 
 def survey(recording: Recording, clock: Clock) -> dict[str, Found]:
-    """Read a recording once; return what each channel holds. Memory is bounded by the number of channels."""
+    """Read a recording once; return what each channel holds. Memory is bounded by the number of channels.
+
+    Channels without a finite number are added to what the recording leaves out.
+    """
     found: dict[str, Found] = {}
     for reading in recording.readings(None, clock):
         if reading.channel not in found:
             found[reading.channel] = Found()
         found[reading.channel].add(reading)
+    recording.left_out |= {name: "no finite number" for name, channel in found.items() if not channel.count}
     return {name: channel for name, channel in found.items() if channel.count}
 
 

@@ -53,6 +53,8 @@ class Bag:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.notes: list[str] = []
+        self.left_out: dict[str, str] = {}
 
     def clock(self) -> Clock:
         """Return the header's clock, or where no message has one when they were received."""

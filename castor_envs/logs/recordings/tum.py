@@ -3,8 +3,9 @@
 from collections.abc import Generator, Iterator
 from pathlib import Path
 
-from castor_envs.logs.recordings.csv_table import first_row, is_number
+from castor_envs.logs.recordings.csv_cells import is_number
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of, nanoseconds
+from castor_envs.logs.recordings.text_lines import first_row, is_comment, numbered_lines
 from castor_envs.logs.table import complaint, number
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -12,19 +13,13 @@ COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
 
 def rows_of(path: Path, names: tuple[str, ...]) -> Iterator[tuple[int, list[float]]]:
     """Yield line numbers and the numbers of each line, separated by blanks; lines that begin with # are left out."""
-    try:
-        with path.open(encoding="utf-8-sig") as file:
-            for k, line in enumerate(file, start=1):
-                cells = line.split()
-                if not cells or line.startswith("#"):
-                    continue
-                if len(cells) != len(names):
-                    raise complaint(path, k, None, f"has {len(cells)} numbers; give {' '.join(names)}")
-                yield k, [number(path, k, name, cell) for name, cell in zip(names, cells, strict=True)]
-    except OSError as error:
-        raise complaint(path, None, None, f"cannot be read ({error.strerror or error})") from None
-    except UnicodeDecodeError:
-        raise complaint(path, None, None, "is not text in UTF-8; save it as UTF-8") from None
+    for k, line in numbered_lines(path, []):
+        cells = line.split()
+        if not cells or is_comment(line):
+            continue
+        if len(cells) != len(names):
+            raise complaint(path, k, None, f"has {len(cells)} numbers; give {' '.join(names)}")
+        yield k, [number(path, k, name, cell) for name, cell in zip(names, cells, strict=True)]
 
 
 def has_rows_of(path: Path, count: int) -> bool:
@@ -40,6 +35,8 @@ class TumText:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.notes: list[str] = []
+        self.left_out: dict[str, str] = {}
 
     def clock(self) -> Clock:
         """Return the clock of the file."""

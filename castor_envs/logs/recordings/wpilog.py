@@ -50,6 +50,8 @@ class DataLog:
 
     def __init__(self, path: Path) -> None:
         self._path = path
+        self.notes: list[str] = []
+        self.left_out: dict[str, str] = {}
 
     def clock(self) -> Clock:
         """Return the clock of the records."""

@@ -37,6 +37,7 @@ def guessed(robot, *channels, whole=False):
         ("Encoder Left [deg/s]", "Encoder Right [deg/s]", "deg/s"),
         ("left_ticks_per_s", "right_ticks_per_s", "counts/s"),
         ("left wheel (m/s)", "right wheel (m/s)", "m/s"),
+        ("left_wheel_angle [deg]", "right_wheel_angle [deg]", "deg"),
         ("M1 encoder left", "M2 encoder right", "counts"),
     ],
 )
@@ -180,6 +181,7 @@ def test_poses_and_motions_of_a_body_cannot_be_a_wheel_and_what_else_counts_can(
 
 
 def test_what_nothing_speaks_for_is_left_open():
+    assert guessed("differential", "s", "deg", "deg #3", "m/s")["wheel_1l"] == ("?", "rad")
     assert guessed("differential", "a", "b") == {"wheel_1l": ("?", "rad"), "wheel_1r": ("?", "rad")}
 
 

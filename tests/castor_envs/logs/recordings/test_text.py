@@ -43,6 +43,17 @@ def read(path, channel, clock=None):
         "header.stamp.sec,header.stamp.nanosec,left\n1700000000,900000000,1\n1700000001,400000000,2\n",
         "left,field.header.stamp.secs,field.header.stamp.nsecs\n1,7,900000000\n2,8,400000000\n",
         "sec,nanosec,left\n1,900000000,1\n2,400000000,2\n",
+        "t,mode,state,robot,left\n0,A,B,C,1\n0.5,A,B,C,2\n",
+        "t,note,state\tnow,left\n0,a b,5 7,1\n0.5,c d,5 7,2\n",
+        't,left\n"0,0","1,00"\n"0,5","2,00"\n',
+        "t left x\n0,0 1,00 0\n0,5 2,00 0\n",
+        "t | left\n0|1\n0.5|2\n",
+        "t,left\n0,1,\n0.5,2,\n",
+        "t,left,\n0,1\n0.5,2\n",
+        "t,left,\n0,1,\n0.5,2,\n",
+        "t,left,x\n0,1,NA\n0.25,-,NULL\n0.5,2,n/a\n",
+        "# line\n" * 300 + "# t left\n" + "0 1\n  # in between\n0.5 2\n",
+        "# my data\n#\nt, left\n0, 1\n0.5, 2\n",
     ],
 )
 def test_delimiter_header_and_time_are_found(tmp_path, text):
@@ -58,15 +69,54 @@ def test_dates_are_seconds_since_1970(tmp_path):
         assert read(path, "left")[0] == (11017.5 * 86400, 1.0)
 
 
-def test_text_of_another_coding_and_cells_without_end_are_named(tmp_path):
+@pytest.mark.parametrize("coding", ["utf-16", "utf-16-le", "utf-8-sig", "cp1252"])
+def test_a_file_is_read_in_the_coding_of_the_program_that_wrote_it(tmp_path, coding):
+    mark = "\ufeff" if coding == "utf-16-le" else ""
     path = tmp_path / "run.csv"
-    for head in (b"t,rate (\xb0/s)\n0,1\n", b"t,rate\n" + b"0,1\n" * 5000 + b"1,2 \xb0\n"):
-        path.write_bytes(head)
-        with pytest.raises(InputError, match=r"run\.csv: is not text in UTF-8; save it as UTF-8"):
-            read(path, "rate")
+    path.write_bytes(f"{mark}t;Drehrate (°/s)\r\n0;1,5\r\n1;2,5\r\n".encode(coding))
+    recording = open_recording(path)
+    found = list(recording.readings(frozenset(["Drehrate (°/s)"]), Clock("t")))
+    assert [(reading.time, reading.value) for reading in found] == [(0, 1.5), (10**9, 2.5)]
+    said = ["run.csv: is not all UTF-8: other lines are read as Windows-1252; save it as UTF-8 if names look wrong"]
+    assert recording.notes == (said if coding == "cp1252" else [])
+
+
+def test_what_is_no_text_and_cells_without_end_are_named(tmp_path):
+    path = tmp_path / "run.csv"
+    for content, words in ((b"t,left\n0,\0\n", ":2: is no text"), (b"\xff\xfet\0\xd8", "no text in UTF-16")):
+        path.write_bytes(content)
+        with pytest.raises(InputError, match=words):
+            read(path, "left")
     written(tmp_path, f"t,left\n0,1\n1,{'9' * 200_000}\n")
     with pytest.raises(InputError, match=r"run\.csv:3: is not CSV .* mend the line"):
         read(path, "left")
+
+
+def test_units_in_a_line_of_their_own_are_added_to_the_names_above(tmp_path):
+    path = written(tmp_path, "time,left,yaw_rate,mode\n[s],deg,(rad/s^2),-\n0,1,7,A\n5,2,8,A\n10,3,9,B\n")
+    recording = open_recording(path)
+    assert recording.clock() == Clock("time [s]")
+    assert sorted(survey(recording, recording.clock())) == ["left [deg]", "yaw_rate [rad/s^2]"]
+    assert read(written(tmp_path, "run 7,\nm,s\n1,0\n2,1\n"), "m", Clock("s")) == [(0.0, 1.0), (1.0, 2.0)]
+
+
+def test_what_is_left_out_and_why(tmp_path):
+    rows = "0,A,1,NA,,nan\n1,B,ERR,NULL,-,nan\n2,B,3,n/a,,nan\n"
+    recording = open_recording(written(tmp_path, f"t,mode,left,gps,spare,bad\n{rows}"))
+    assert sorted(survey(recording, Clock("t"))) == ["left"]
+    assert recording.left_out == {
+        "mode": "text",
+        "left": "in part, from 'ERR' in line 3 on: an import refuses what is no number; mend or blank it",
+        "gps": "blank in all rows",
+        "spare": "blank in all rows",
+        "bad": "no finite number",
+    }
+
+
+def test_commas_between_thousands_are_no_decimal_commas(tmp_path):
+    recording = open_recording(written(tmp_path, 't,left\n"0","1,234"\n"1","2,345"\n'))
+    assert survey(recording, Clock("t")) == {}
+    assert recording.left_out == {"left": "text"}
 
 
 def test_columns_of_one_name_and_of_none_are_told_apart(tmp_path):
