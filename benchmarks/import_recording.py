@@ -91,7 +91,7 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         if pose:
             _show_reference(source, clock, pose)
         else:
-            _show_remedies(source)
+            _show_remedies(source, bool(recording.left_out))
         return
     if MAP.exists():
         print(f"\n{MAP}: is there already, and is left alone; move it to have a new one made")
@@ -134,12 +134,13 @@ def _show_reference(source: Path, clock: Clock, pose: Mapping[str, Column]) -> N
             print(f'  {part}: "{key}": {json.dumps(value)}')
 
 
-def _show_remedies(source: Path) -> None:
+def _show_remedies(source: Path, left_out: bool) -> None:
     """Print what can be done with a recording that has neither wheels nor a tracker's pose."""
     print(
-        "next: record the wheels too, as joint states or ticks; or, where a pose here was measured from outside, add it"
+        f"next: record the wheels too, as joint states or ticks{', or mend what is left out' if left_out else ''}; or,"
     )
-    print(f"to the map of a recording of the wheels, as ref_... or fix_..., of a source whose 'file' is {source.name}")
+    print("where a pose here was measured from outside, add it to the map of a recording of the wheels, as ref_... or")
+    print(f"fix_..., of a source whose 'file' is {source.name}")
 
 
 def _print_channels(source: Path, recording: Recording, clock: Clock, found: Mapping[str, Found]) -> None:

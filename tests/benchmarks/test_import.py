@@ -196,6 +196,22 @@ def test_wheels_that_no_name_tells_are_to_be_chosen_beside_a_reference(tmp_path,
     }  # fmt: skip
 
 
+def test_what_is_left_out_is_listed_by_reasons(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left_ticks,mode,state,right_ticks\n0,0,A,B,0\n1,1,A,B,1\n2,2,A,B,2\n")
+    _, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert "left out (text): mode, state" in printed.splitlines()
+    by = json.loads(Path("map.json").read_text())
+    by["columns"]["wheel_1l"]["channel"] = "mode"
+    Path("map.json").write_text(json.dumps(by))
+    code, _, said = call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")
+    assert (code, "'A' is not a number" in said) == (2, True)
+    Path("text.csv").write_text("t,mode\n0,A\n1,B\n")
+    code, _, said = call(capsys, "import", "text.csv", "--robot", "differential")
+    assert code == 2
+    assert said.endswith("without numbers that can be read; left out (text): mode\n")
+
+
 def test_odometry_alone_is_no_log_and_what_to_do_is_said(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("t,odom_x,odom_y,odom_theta\n" + "".join(f"{k},{k},0,0\n" for k in range(5)))

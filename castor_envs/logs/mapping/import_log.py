@@ -107,7 +107,9 @@ def _readings(source: Path, by: ChannelMap, name: str, notes: list[str]) -> dict
         if absent:
             known = survey(recording, place.clock)
             column = next(k for k, c in by.columns.items() if c.source == key and absent[0] in c.channels)
-            problem = f"source {key!r} has no readings of {absent[0]!r}{did_you_mean(absent[0], known)}"
+            why = next((w for n, w in recording.left_out.items() if f"{absent[0]} ".startswith(f"{n} ")), None)
+            reason = did_you_mean(absent[0], known) if why is None else f": it is left out ({why})"
+            problem = f"source {key!r} has no readings of {absent[0]!r}{reason}"
             raise InputError(f"{name}: columns.{column}: {shortened(problem, 600)}")
         shift = round(place.offset * 1e9)
         found |= {(key, channel): one.shifted(shift) for channel, one in series.items()}

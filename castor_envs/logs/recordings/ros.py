@@ -11,6 +11,7 @@ Times are by the message's header ("header"; of a transform its own), or when th
 """
 
 import dataclasses
+import itertools
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -57,9 +58,9 @@ class Bag:
         self.left_out: dict[str, str] = {}
 
     def clock(self) -> Clock:
-        """Return the header's clock, or where no message has one when they were received."""
-        first = self._messages(None)
-        stamped = any(_stamp(message) for _, _, message in (pair for pair, _ in zip(first, range(1000), strict=False)))
+        """Return the header's clock, or where no message and no transform has one when they were received."""
+        first = itertools.islice(self._messages(None), 1000)
+        stamped = any(time for _, _, message in first for time, _, _ in _stamped_numbers(message))
         return Clock("header" if stamped else "receive")
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
@@ -67,9 +68,11 @@ class Bag:
         if clock.time not in ("header", "receive"):
             raise InputError(f'{self._path}: has no clock {clock.time!r}; give "time": "header" or "receive"')
         topics = None if channels is None else {name.split(" ", 1)[0] for name in channels}
-        for topic, received, message in self._messages(topics):
+        silent: dict[str, str] = {}
+        for topic, received, message in self._messages(topics, silent):
             for time, path, value in _stamped_numbers(message):
                 name = f"{topic} {path}"
+                silent.pop(topic, None)
                 if channels is not None and name not in channels:
                     continue
                 stamped = clock.time == "receive" or time != 0
@@ -79,9 +82,16 @@ class Bag:
                         'source of their own with "time": "receive"'
                     )
                 yield Reading(name, time if stamped and clock.time == "header" else received, value, stamped)
+        if channels is None:
+            self.left_out = silent
 
-    def _messages(self, topics: set[str] | None) -> Iterator[tuple[str, int, Any]]:
-        """Yield topic, time of receipt (ns) and message; of types that the bag does not describe, none."""
+    def _messages(
+        self, topics: set[str] | None, silent: dict[str, str] | None = None
+    ) -> Iterator[tuple[str, int, Any]]:
+        """Yield topic, time of receipt (ns) and message; of types that the bag does not describe, none.
+
+        silent: gets for each topic why it may give no number.
+        """
         try:
             from rosbags.highlevel import AnyReader, AnyReaderError
             from rosbags.typesys import Stores, get_typestore
@@ -95,6 +105,8 @@ class Bag:
                     for connection in reader.connections
                     if connection.msgtype in reader.typestore.types and (topics is None or connection.topic in topics)
                 ]
+                if silent is not None:
+                    silent |= {c.topic: _why_silent(c, c in known) for c in reader.connections}
                 for connection, received, raw in reader.messages(known) if known else ():
                     yield connection.topic, received, reader.deserialize(raw, connection.msgtype)
         except (AnyReaderError, OSError, ValueError, AssertionError) as error:
@@ -108,6 +120,16 @@ class Bag:
                 f"{self._path}: cannot be read as a ROS bag ({message_of(error)}); one that was cut off may be mended "
                 f"by {mended}"
             ) from None
+
+
+def _why_silent(connection: Any, known: bool) -> str:
+    """Return why a topic gives no number; known: whether its type is."""
+    if not known:
+        return (
+            f"messages of type {connection.msgtype}, which the bag does not define; convert it to MCAP where the type "
+            "is installed"
+        )
+    return f"no message with numbers, or arrays of more than {MOST}"
 
 
 def _check_parts(path: Path, parts: Sequence[Any]) -> None:

@@ -65,7 +65,11 @@ class DataLog:
             if record.isStart():
                 start = record.getStartData()
                 if channels is None or any(name.startswith(start.name) for name in channels):
-                    decoders[start.entry] = _decoder(start.name, start.type)
+                    decoder = _decoder(start.name, start.type)
+                    if decoder is None:
+                        self.left_out[start.name] = f"of type {start.type}, of which no numbers are read"
+                    else:
+                        decoders[start.entry] = decoder
             elif record.isFinish():
                 decoders.pop(record.getFinishEntry(), None)
             elif not record.isControl() and record.getEntry() in decoders:
@@ -89,8 +93,8 @@ class DataLog:
                 del reader  # which holds the mapped file open
 
 
-def _decoder(name: str, kind: str) -> Callable[[Any], Iterator[tuple[str, float]]]:
-    """Return what yields names and numbers of an entry's records; of a type without numbers, nothing."""
+def _decoder(name: str, kind: str) -> Callable[[Any], Iterator[tuple[str, float]]] | None:
+    """Return what yields names and numbers of an entry's records; None for a type of which none are read."""
     single = {"double": "getDouble", "float": "getFloat", "int64": "getInteger", "boolean": "getBoolean"}
     if kind in single:
         return lambda record: iter([(name, float(getattr(record, single[kind])()))])
@@ -101,7 +105,7 @@ def _decoder(name: str, kind: str) -> Callable[[Any], Iterator[tuple[str, float]
         )
     parts = STRUCTS.get(element.removeprefix("struct:")) if element.startswith("struct:") else None
     if parts is None:
-        return lambda record: iter(())
+        return None
     size = struct.calcsize(f"<{len(parts)}d")
 
     def numbers(record: Any) -> Iterator[tuple[str, float]]:

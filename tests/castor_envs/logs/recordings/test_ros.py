@@ -1,10 +1,12 @@
 """Bags of ROS 1 and 2, written by rosbags: every number comes out with its name and its time."""
 
+import contextlib
 import sqlite3
 import sys
 
 import numpy as np
 import pytest
+from rosbags.typesys import get_types_from_msg
 
 from castor_envs.errors import InputError
 from castor_envs.logs.recordings import open_recording
@@ -92,6 +94,37 @@ def test_a_survey_shows_every_number_but_no_covariances(bag):
     assert left.rate == pytest.approx(10.0)
     assert found["/ticks data"].whole
     assert not [name for name in found if "covariance" in name or "header" in name]
+
+
+def test_transforms_alone_have_the_times_of_their_own_stamps(tmp_path, bag_writer):
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        for k in range(3):
+            tf = w.make("geometry_msgs/Transform", w.make("geometry_msgs/Vector3", 0.0, 0.0, 0.0), w.quaternion(0.0))
+            stamped = w.make("geometry_msgs/TransformStamped", w.header(START + k, "mocap"), "robot", tf)
+            w.put("/tf", "tf2_msgs/TFMessage", START + k + 0.02, [stamped])
+    recording = open_recording(tmp_path / "run")
+    assert recording.clock() == Clock("header")
+    assert read(tmp_path / "run", "/tf mocap>robot.x")[0] == [0.0, 1.0, 2.0]
+
+
+def test_topics_without_numbers_and_of_types_that_the_bag_does_not_define_are_said(tmp_path, bag_writer):
+    """A recorder of an older ROS leaves definitions out of a data base."""
+    with bag_writer(tmp_path / "run", "sqlite3") as w:
+        w.store.register(get_types_from_msg("int32 left", "mine/msg/Ticks"))
+        w.put("/ticks", "mine/Ticks", START, 7)
+        w.put("/log", "std_msgs/String", START, "hello")
+        w.joints("/joints", START, START, left=1.0)
+    (file,) = (tmp_path / "run").glob("*.db3")
+    with contextlib.closing(sqlite3.connect(file)) as base:
+        base.execute("delete from message_definitions")
+        base.commit()
+    recording = open_recording(tmp_path / "run")
+    assert sorted(survey(recording, Clock("header"))) == ["/joints position[left]", "/joints velocity[left]"]
+    assert recording.left_out == {
+        "/ticks": "messages of type mine/msg/Ticks, which the bag does not define; convert it to MCAP where the type "
+        "is installed",
+        "/log": "no message with numbers, or arrays of more than 32",
+    }
 
 
 def test_an_unknown_clock_is_refused(bag):

@@ -64,13 +64,17 @@ def test_entries_of_numbers_are_channels(log, channel, found):
     assert [(reading.time / 1e9, reading.value) for reading in readings] == found
 
 
-def test_a_survey_leaves_out_texts_and_unknown_structs(log):
+def test_a_survey_leaves_out_texts_and_unknown_structs_and_says_so(log):
     recording = open_recording(log)
     assert recording.held
     found = survey(recording, recording.clock())
     assert {name.split("[")[0].split(".")[0] for name in found} == {
         "NT:/left", "NT:/right", "NT:/both", "NT:/pose", "NT:/modules", "NT:/pose3d",
     }  # fmt: skip
+    assert recording.left_out == {
+        "NT:/state": "of type string, of which no numbers are read",
+        "NT:/unknown": "of type struct:Mine, of which no numbers are read",
+    }
 
 
 def test_a_log_that_was_cut_off_is_read_to_its_last_whole_record(log):
