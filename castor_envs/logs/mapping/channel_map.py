@@ -85,12 +85,17 @@ class Column:
 class ChannelMap:
     """A map as its file holds it: which channel of a recording is which column of a log.
 
-    sources: by name, where readings come from; "main" is the recording that is imported. columns: by the log's column,
-    such as `wheel_1l`, `pivot_1`, `cmd_1l`, `gyro_z` and `ref_x`, what it is made from.
+    sources: by name, where readings come from; "main" is the recording that is imported, and need not be there.
+    columns: by the log's column, such as `wheel_1l`, `pivot_1`, `cmd_1l`, `gyro_z` and `ref_x`, what it is made from.
     """
 
     sources: dict[str, Source] = field(default_factory=lambda: {"main": Source()})
     columns: dict[str, Column]
+
+    @property
+    def places(self) -> dict[str, Source]:
+        """The sources by name, "main" among them."""
+        return {"main": Source()} | self.sources
 
     def to_dict(self) -> dict[str, Any]:
         """Return the map as plain data, ``format`` first."""
@@ -118,8 +123,8 @@ class ChannelMap:
             made = {*columns.t, *columns.fix_age}  # from the times of readings
             if key in made or key not in columns.known:
                 raise InputError(f"{place}: is no column of {robot.name!r}{did_you_mean(key, columns.known - made)}")
-            if column.source not in self.sources:
-                problem = f"unknown source {column.source!r}{did_you_mean(column.source, self.sources)}"
+            if column.source not in self.places:
+                problem = f"unknown source {column.source!r}{did_you_mean(column.source, self.places)}"
                 raise InputError(f"{place}.source: {problem}")
             if UNDECIDED in column.channels:
                 raise InputError(f"{place}.channel: is still {UNDECIDED!r}; give a channel, or remove the column")

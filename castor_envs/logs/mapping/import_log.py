@@ -13,12 +13,12 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.agreement import agreement_notes
-from castor_envs.logs.mapping.channel_map import ChannelMap, Column
+from castor_envs.logs.mapping.channel_map import ChannelMap, Column, Source
 from castor_envs.logs.mapping.limits import limit_notes
 from castor_envs.logs.mapping.series import Track, row_times
 from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind_of, radians_in
 from castor_envs.logs.recordings import open_recording
-from castor_envs.logs.recordings.recording import Series, heading_of, survey
+from castor_envs.logs.recordings.recording import Clock, Recording, Series, heading_of, survey
 from castor_envs.logs.reference import TimedPoses
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -94,18 +94,18 @@ def _readings(source: Path, by: ChannelMap, name: str, notes: list[str]) -> dict
     notes: get what is to be said of the recordings.
     """
     found: dict[tuple[str, str], Series] = {}
-    for key, place in by.sources.items():
+    for key, place in by.places.items():
         needed = frozenset(c for column in by.columns.values() if column.source == key for c in column.channels)
         if not needed:
             continue
         recording = open_recording(source if place.file is None else source.parent / place.file)
-        series = {channel: Series(recording.held) for channel in needed}
-        for reading in recording.readings(needed, place.clock):
+        series, clock = {channel: Series(recording.held) for channel in needed}, _clock(place, recording)
+        for reading in recording.readings(needed, clock):
             series[reading.channel].add(reading)
         notes += recording.notes
         absent = [channel for channel in needed if not series[channel].time]
         if absent:
-            known = survey(recording, place.clock)
+            known = survey(recording, clock)
             column = next(k for k, c in by.columns.items() if c.source == key and absent[0] in c.channels)
             why = next((w for n, w in recording.left_out.items() if f"{absent[0]} ".startswith(f"{n} ")), None)
             reason = did_you_mean(absent[0], known) if why is None else f": it is left out ({why})"
@@ -114,6 +114,15 @@ def _readings(source: Path, by: ChannelMap, name: str, notes: list[str]) -> dict
         shift = round(place.offset * 1e9)
         found |= {(key, channel): one.shifted(shift) for channel, one in series.items()}
     return {key: [found[column.source, channel] for channel in column.channels] for key, column in by.columns.items()}
+
+
+def _clock(place: Source, recording: Recording) -> Clock:
+    """Return the clock that a map names for a source, or else that of a first map; a period is left to people."""
+    if place.clock.unnamed:
+        usual = recording.clock()
+        if usual.period is None:
+            return usual if place.unit == "s" else replace(usual, unit=place.unit)
+    return place.clock
 
 
 def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: int, notes: list[str]) -> Track:

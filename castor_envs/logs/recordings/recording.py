@@ -38,9 +38,14 @@ class Clock:
     unit: TimeUnit = "s"
     period: float | None = None
 
+    @property
+    def unnamed(self) -> bool:
+        """Whether it is left to the recording."""
+        return self.time is None and self.period is None
+
     def takes_that_of(self, path: Path, why: str) -> None:
         """Raise InputError if the map names another clock than the only one of a recording; why: what that is."""
-        if self.time is not None or self.period is not None:
+        if not self.unnamed:
             raise InputError(f"{path}: {why}; remove 'time' and 'period' of it from the map")
 
 

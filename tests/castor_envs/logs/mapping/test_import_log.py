@@ -222,6 +222,27 @@ def test_fixes_stand_in_the_first_row_after_them_with_their_age(tmp_path):
         import_log(source, ROBOT, mapped(WHEELS | fix, main=clocks["main"], markers={**clocks["markers"], "offset": 9}))
 
 
+@pytest.mark.parametrize("sources", [None, {}, {"main": {}}, {"other": {"file": "other.csv"}}])
+def test_a_map_that_names_no_clock_takes_that_of_the_survey(tmp_path, bag_writer, sources):
+    with bag_writer(tmp_path / "bag", "mcap") as w:
+        for t, angle in zip(T.tolist(), ANGLE.tolist(), strict=True):
+            w.joints("/joints", START + 1.1 * t, START + t, left=angle, right=angle)
+    given = {} if sources is None else {"sources": sources}
+
+    def imported(source, left, right):
+        columns = {"wheel_1l": {"channel": left, "unit": "rad"}, "wheel_1r": {"channel": right, "unit": "rad"}}
+        by = ChannelMap.from_dict({"format": "castor-map/1", "columns": columns} | given)
+        return import_log(source, ROBOT, by).log.t
+
+    names = ("/joints position[left]", "/joints position[right]")
+    np.testing.assert_allclose(imported(tmp_path / "bag", *names), T, atol=1e-6)
+    path = table(tmp_path / "run.csv", stamp_ms=1000 * T, left=ANGLE, right=ANGLE)
+    np.testing.assert_allclose(imported(path, "left", "right"), T, atol=1e-9)
+    untimed = table(tmp_path / "bare.csv", left=-ANGLE, right=-ANGLE)
+    with pytest.raises(InputError, match='no column is known to be the time; give it as "time", or a "period"'):
+        imported(untimed, "left", "right")
+
+
 def test_topics_of_one_bag_may_have_two_clocks(tmp_path, bag_writer):
     """Ticks without a header, when they were received; poses by the stamps of a computer that is 3 s ahead."""
     with bag_writer(tmp_path / "run.bag", "ros1") as w:
