@@ -97,11 +97,11 @@ def show(
         raise InputError(f"--run {number}: there are {len(shown.drives)} runs")
     drive = shown.drives[number - 1]
     first = next(iter(drive.estimates), None)
+    write_page(out, page_of(shown))
     if png is not None:
         write_png(png, drive, first)
     if gif is not None:
         write_gif(gif, drive, first)
-    write_page(out, page_of(shown))
     for name, reason in shown.failed.items():
         print(f"{name} gave no poses: {reason}")
     pictures = [str(path) for path in (png, gif) if path is not None]

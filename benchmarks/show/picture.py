@@ -1,6 +1,10 @@
-"""A drive as a picture or as one that moves: the vehicle, its true path and one estimate, on the floor."""
+"""A drive as a picture or as one that moves: the vehicle, its true path and one estimate, on the floor.
+
+Where nobody knows the true path, the vehicle is drawn where the estimate has it.
+"""
 
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +33,7 @@ MARGIN = 0.25
 def write_png(path: Path, drive: Drive, name: str | None) -> None:
     """Write the end of a drive as PNG, with all of its true path and that of the estimate called `name`, if any.
 
-    Raises InputError for a drive without a reference.
+    Raises InputError for a drive with neither a reference nor an estimate.
     """
     _save(path, "PNG", _pictures(drive, name, 1))
 
@@ -41,13 +45,17 @@ def write_gif(path: Path, drive: Drive, name: str | None) -> None:
 
 def _pictures(drive: Drive, name: str | None, frames: int) -> list[NDArray[np.uint8]]:
     """Return at most so many pictures of a drive, the end with them; each holds the paths until then."""
-    if not drive.known.any():
-        raise InputError(f"{drive.name}: there is no reference pose to draw the vehicle at; write a page instead")
+    known = bool(drive.known.any())
+    if not known:
+        if name is None:
+            problem = "there is neither a reference nor an estimate to draw the vehicle at; name an --estimator"
+            raise InputError(f"{drive.name}: {problem}")
+        drive, name = _believed(drive, name), None
     rows = np.flatnonzero(drive.known)
     shown = set(rows[np.unique(np.linspace(len(rows) - 1, 0, frames).astype(np.intp))].tolist())
     estimate = None if name is None else drive.estimates[name]
     renderer = Renderer(
-        drive.vehicle, drive.floor or Floor(), "rgb_array", FPS, (SIZE, SIZE), _arena(drive, rows, estimate)
+        drive.vehicle, drive.floor or Floor(), "rgb_array", FPS, (SIZE, SIZE), _arena(drive, rows, estimate), known
     )
     pictures = []
     for k in rows.tolist():
@@ -58,6 +66,15 @@ def _pictures(drive: Drive, name: str | None, frames: int) -> list[NDArray[np.ui
         else:
             renderer.lengthen(pose, believed)
     return [picture for picture in pictures if picture is not None]
+
+
+def _believed(drive: Drive, name: str) -> Drive:
+    """Return the drive with an estimate as its reference."""
+    believed = drive.estimates[name]
+    rows = believed if believed.ndim == 2 else believed.swapaxes(0, 1).reshape(len(drive.samples), -1)
+    reference = np.full((len(drive.log), rows.shape[1]), np.nan)
+    reference[drive.samples] = rows
+    return replace(drive, log=replace(drive.log, reference=reference))
 
 
 def _arena(drive: Drive, rows: NDArray[np.intp], estimate: Array | None) -> tuple[float, float, float, float]:

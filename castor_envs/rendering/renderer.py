@@ -20,8 +20,9 @@ class Renderer:
 
     vehicle: drawn as it is described; of a train, the paths of its first and last axle. floor: in N. mode: "rgb_array"
     returns pictures and needs no display; "human" shows them in a window, at most `fps` a second, until the user closes
-    it. size: width and height, pixels. arena: the part of N that is shown at least, x_min, x_max, y_min, y_max, m. The
-    same calls make the same pixels.
+    it. size: width and height, pixels. arena: the part of N that is shown at least, x_min, x_max, y_min, y_max, m.
+    known: False where the poses that are drawn are estimates, as the legend then says. The same calls make the same
+    pixels.
 
     Raises InputError for an invalid mode, size or arena, and gymnasium.error.DependencyNotInstalled without pygame.
     """
@@ -34,10 +35,11 @@ class Renderer:
         fps: int,
         size: tuple[int, int] = (800, 800),
         arena: tuple[float, float, float, float] = (-2.0, 2.0, -2.0, 2.0),
+        known: bool = True,
     ) -> None:
         self.vehicle, self.floor, self.mode, self.fps = vehicle, floor, mode, fps
         self._figure = TrainFigure(vehicle) if isinstance(vehicle, TrainDescription) else RobotFigure(vehicle)
-        self._scene = Scene(vehicle.name, floor, self._figure.friction, mode, fps, size, arena)
+        self._scene = Scene(vehicle.name, floor, self._figure.friction, mode, fps, size, arena, known)
 
     @property
     def view(self) -> View:

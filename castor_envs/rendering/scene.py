@@ -45,10 +45,12 @@ class Scene:
         fps: int,
         size: tuple[int, int],
         arena: tuple[float, float, float, float],
+        known: bool = True,
     ) -> None:
         if mode not in ("human", "rgb_array"):
             raise InputError(f"render mode must be 'human' or 'rgb_array', got {mode!r}")
         self._name, self._floor, self._friction, self._mode, self._size = name, floor, friction, mode, size
+        self._known = known
         self._window = Window(f"castor-envs: {name}", size, fps)
         self.look_at(arena)
         self.reset()
@@ -100,8 +102,8 @@ class Scene:
         time: s. sliding: whether the picture distinguishes sliding wheels.
         """
         shown = {
-            "true path": True,
-            "estimate": len(self._estimate) > 0,
+            "true path": self._known,
+            "estimate": not self._known or len(self._estimate) > 0,
             "target path": len(self._target) > 0,
             "sliding": sliding,
             "cable": len(self._floor.cables) > 0,
@@ -132,7 +134,7 @@ class Scene:
         if len(self._rear):
             canvas.line(view.pixel(self._rear.corners), FAINT_PATH, 4 * u)
         truth = view.pixel(self._truth.corners)
-        canvas.line(truth, TRUE_PATH, 6 * u)
+        canvas.line(truth, *((TRUE_PATH, 6 * u) if self._known else (ESTIMATE, 2 * u)))
         canvas.disc(truth[0], 6 * u, TRUTH)
         canvas.disc(truth[0], 3.5 * u, WHITE)
         if len(self._estimate):

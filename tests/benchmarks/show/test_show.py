@@ -18,6 +18,7 @@ from castor_envs.cli import command_line
 from castor_envs.cli.commands import imported
 from castor_envs.floor import FLOORS, Cable, Floor, Patch
 from castor_envs.logs.csv import write_log
+from castor_envs.rendering.drawing import palette
 from castor_envs.vehicles.presets import differential
 from estimators.plugins.registry import load_estimator
 
@@ -120,7 +121,9 @@ def test_every_named_floor_is_in_the_help_of_commands():
         assert all(name in floor.help for name in FLOORS)
 
 
-def test_a_log_without_reference_has_no_scores_and_no_picture(castor_bench, fake_tasks, tmp_path):
+def test_a_log_without_reference_has_no_scores_and_is_drawn_where_the_estimate_has_it(
+    castor_bench, fake_tasks, tmp_path
+):
     log = fake_tasks.Arcs().record(0).runs[0].log
     write_log(tmp_path / "here" / "blind.csv", type(log)(log.t, log.wheel, log.pivot), differential())
     arguments = ("show", "blind.csv", "--robot", "differential", "--estimator", "wheel-odometry")
@@ -128,8 +131,17 @@ def test_a_log_without_reference_has_no_scores_and_no_picture(castor_bench, fake
     page = (tmp_path / "here" / "castor-show.html").read_text(encoding="utf-8")
     assert "nobody knows how far estimates are off" in page
     assert "position error" not in page.partition("</style>")[2].partition("<script>")[0]
-    code, _, err = castor_bench(*arguments, "--gif", "blind.gif")
-    assert (code, "there is no reference pose" in err) == (2, True)
+    (tmp_path / "here" / "castor-show.html").unlink()
+    code, out, err = castor_bench(*arguments, "--gif", "blind.gif", "--png", "blind.png")
+    assert (code, out, err) == (0, "castor-show.html, blind.png, blind.gif (of wheel-odometry)\n", "")
+    with Image.open("blind.png") as end, Image.open("blind.gif") as moving:
+        last = np.asarray(end.convert("RGB"), dtype=int)
+        assert (last == palette.ESTIMATE[:3]).all(axis=2).any()
+        assert not (last == palette.TRUE_PATH[:3]).all(axis=2).any()  # of which nothing is known
+        moving.seek(getattr(moving, "n_frames", 1) - 1)
+        assert np.abs(last - np.asarray(moving.convert("RGB"), dtype=int)).mean() < 3
+        moving.seek(0)
+        assert np.abs(last - np.asarray(moving.convert("RGB"), dtype=int)).max() > 50
 
 
 MISTAKES = {
