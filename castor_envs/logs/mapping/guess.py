@@ -59,15 +59,18 @@ ENOUGH = 3
 
 def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription) -> ChannelMap:
     """Return a map of all columns that a robot's log needs, `UNDECIDED` where no channel's name fits, and of those that
-    it may have where one does."""
+    it may have where one does. Channels that never change are taken only where no others fit.
+    """
     columns, free, places = LogColumns.of(robot), dict(found), Places(robot)
     guessed = {key: Column(channel=key, unit=unit) for key, unit in _log_units(columns).items() if key in free}
     free = {name: channel for name, channel in free.items() if name not in guessed}
     for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
         wanted = [key for key in names if key not in guessed]
-        alike = _alike(wanted, free, words, places)
+        alike = _alike(wanted, _live(free), words, places) or _alike(wanted, free, words, places)
         for key in wanted:
-            channel = alike.get(key) or _best(key, free, words, places)
+            channel = alike.get(key) or _best(key, _live(free), words, places)
+            if channel == UNDECIDED:
+                channel = _best(key, free, words, places)
             speed = bool(SPEED & words_of(channel) or _PER_SECOND.search(channel.lower()))
             unit = _angle_unit(channel, found, "/s" if speed else "")
             guessed[key] = Column(channel=channel, unit=unit, scale=_length(channel) if unit[0] == "m" else 1.0)
@@ -75,7 +78,8 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     commanded = {key: _best(key, free, COMMANDED, places) for key in columns.command if key not in guessed}
     if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
         guessed |= {key: Column(channel=name, unit=_rate_unit(name, found)) for key, name in commanded.items()}
-    gyros = sorted((name for name in free if _is_gyro(name)), key=_is_angle)  # rates first
+    gyros = [name for name in free if _is_gyro(name)]
+    gyros.sort(key=lambda name: (not _live({name: free[name]}), _is_angle(name)))  # what changes, and rates, first
     if gyros and columns.gyro[0] not in guessed:
         angle = _is_angle(gyros[0])
         turned = angle and _most(found[gyros[0]]) > FEW_TURNS
@@ -96,6 +100,11 @@ def possible_wheels(found: Iterable[str]) -> list[str]:
     trackers, odometry, TF and IMUs, commands, and quantities that are no motion."""
     never = BODY | COMMANDED | NEVER
     return [name for name in found if words_of(name) & ENCODER or not (words_of(name) & never or _is_gyro(name))]
+
+
+def _live(found: Mapping[str, Found]) -> dict[str, Found]:
+    """Return the channels that change."""
+    return {name: channel for name, channel in found.items() if channel.low != channel.high}
 
 
 def _log_units(columns: LogColumns) -> dict[str, str]:
@@ -231,7 +240,10 @@ def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, 
     fitting = [words for words in whole if not words & (ESTIMATED | COMMANDED) or words & TRUSTED]
     if not fitting:
         return {}
-    chosen = whole[max(fitting, key=lambda words: bool(words & TRUSTED))]
+    live = _live(found)
+    chosen = whole[
+        max(fitting, key=lambda words: (any(p in live for p in whole[words].values()), bool(words & TRUSTED)))
+    ]
     heading = found[chosen["heading"]]
     angle = "deg" if _degrees(chosen["heading"]) or _most(heading) > FEW_TURNS else "rad"
     lengths = [words_of(chosen[part]) for part in ("x", "y")]

@@ -1,4 +1,5 @@
-"""Where a log and the robot file contradict each other: encoders that turn too fast or jump, rows at another rate."""
+"""Where a log and the robot file contradict each other: encoders that stand, turn too fast or jump, rows at another
+rate."""
 
 import math
 from collections.abc import Iterator
@@ -32,6 +33,7 @@ def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[s
         yield 'fix_x: the robot file has no "fixes", so that estimators do not use them; add them, with their noise'
     if log.gyro is not None and robot.gyro is None:
         yield 'gyro_z: the robot file has no "gyro", so that estimators do not use it; add one, with its "noise"'
+    yield from _still_notes(LogColumns.of(robot), by, log)
     steps = np.diff(log.t)
     period = float(np.median(steps))
     paces = np.maximum(steps, period)  # messages that were held up come all at once
@@ -51,6 +53,16 @@ def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[s
         yield from _jump_notes(key, column, log.t, counts / unit, np.maximum(most * paces, FEW) / unit)
     if abs(period / robot.sample_period - 1) > 0.1:
         yield f"rows come every {period:.4g} s, the robot file's sample_period is {robot.sample_period:g} s: mend that"
+
+
+def _still_notes(columns: LogColumns, by: ChannelMap, log: Log) -> Iterator[str]:
+    """Yield which encoders never moved, and a gyro that shows 0 alone."""
+    still = [*zip(columns.wheel, log.wheel.T, strict=True), *zip(columns.pivot, log.pivot.T, strict=True)]
+    if log.gyro is not None and not np.any(log.gyro):
+        still.append((columns.gyro[0], log.gyro))
+    for key, values in still:
+        if np.ptp(values) == 0:
+            yield f"{key}: {by.columns[key].channel!r} never changes: is it the right channel?"
 
 
 def _jump_notes(key: str, column: Column, t: Array, value: Array, most: Array) -> Iterator[str]:

@@ -114,6 +114,28 @@ def test_positions_go_before_speeds():
     assert guessed("differential", *names)["wheel_1l"] == ("/joint_states position[left_wheel]", "rad")
 
 
+def test_channels_that_never_change_are_taken_only_where_no_others_fit():
+    """As of a driver that fills in speeds alone, and of a tracker that has lost the robot."""
+    joints = [f"/joint_states {what}[{side}]" for what in ("position", "velocity") for side in ("left", "right")]
+    poses = [f"/{who} pose.{part}" for who in ("vicon", "robot") for part in ("x", "y", "heading")]
+    names = [*joints, *poses, "gyro rate", "gyro yaw rad"]
+
+    def map_of(*dead):
+        found = {name: Found(count=9, low=0.0, high=0.0 if name.startswith(dead) else 1.0) for name in names}
+        return {key: c.channel for key, c in guess_map(found, Clock("t"), preset("differential")).columns.items()}
+
+    live = {
+        "wheel_1l": joints[0], "wheel_1r": joints[1], "ref_x": poses[0], "ref_y": poses[1], "ref_psi": poses[2],
+        "gyro_z": "gyro rate",
+    }  # fmt: skip
+    assert map_of("none") == live
+    assert map_of("/joint_states pos") == live | {"wheel_1l": joints[2], "wheel_1r": joints[3]}
+    assert map_of("/joint_states position[l") == live | {"wheel_1l": joints[2], "wheel_1r": joints[3]}
+    assert map_of("/joint_states") == live
+    assert map_of("/vicon") == live | dict(zip(("ref_x", "ref_y", "ref_psi"), poses[3:], strict=True))
+    assert map_of("gyro rate") == live | {"gyro_z": "gyro yaw rad"}
+
+
 def test_modules_of_an_array_are_counted_from_0():
     names = [f"NT:/modules[{k}].{part}" for k in range(4) for part in ("distance", "angle")]
     found = guessed("swerve", *names)

@@ -48,6 +48,11 @@ def test_a_counter_that_wraps_is_said_and_where(tmp_path, value, column, period)
     assert notes(tmp_path, value, **column, wraps_at=whole) == []
 
 
+def test_an_encoder_that_never_moves_is_said(tmp_path):
+    assert notes(tmp_path, 0 * COUNTS + 7) == ["wheel_1l: 'left' never changes: is it the right channel?"]
+    assert notes(tmp_path, 0 * COUNTS, unit="rad/s") == ["wheel_1l: 'left' never changes: is it the right channel?"]
+
+
 def test_a_reset_and_a_wrong_reading_are_said_with_their_time_and_size(tmp_path):
     reset, wrong, coarse = COUNTS.copy(), COUNTS.copy(), np.round(COUNTS / 200)
     reset[300:] -= COUNTS[300]
