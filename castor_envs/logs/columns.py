@@ -130,7 +130,8 @@ class LogColumns(NamedTuple):
         near = difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)
         if near:
             return f"did you mean {unknown[near[0]]!r}? rename it"
-        return f"the header has {listed(names)}; add the column, or give the robot or train that made the log"
+        other = "" if known.intersection(names) - {"t"} else _OTHER_PROGRAM
+        return f"the header has {listed(names)}; add the column, or give the robot or train that made the log{other}"
 
 
 def listed(names: Sequence[str]) -> str:

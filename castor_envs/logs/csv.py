@@ -49,6 +49,7 @@ from castor_envs.files import write_atomically
 from castor_envs.geometry.arrays import Array, Numbers
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import OPTIONAL, REQUIRED, TEXT, Log, pivot_jumps
+from castor_envs.logs.recordings import refuse_recording
 from castor_envs.logs.reference import TimedPoses
 from castor_envs.logs.table import Line, check_width, complaint, each_line, numbers
 from castor_envs.vehicles.load import Vehicle
@@ -82,9 +83,10 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     Raises InputError ``file:line: column 'x': what is wrong; what to do`` for missing or duplicate columns, encoders of
     castors that the robot does not have, lines of the wrong width, cells that are not finite numbers or beyond `MOST`,
     half-blank poses, fewer than two rows, times that do not increase, pivot counts that jump by over half a turn (see
-    `pivot_jumps`), wrapped headings.
+    `pivot_jumps`), wrapped headings; and for recordings, of which no log was made yet.
     """
     path, columns = Path(path), LogColumns.of(vehicle)
+    refuse_recording(path)
     lines = each_line(path)
     header = next(lines)
     names = [name.strip() for name in header.cells]

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from castor_envs.errors import InputError
+from castor_envs.logs.recordings import refuse_recording
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 
 ROBOT_FILE, TRAIN_FILE = "robot.json", "train.json"
@@ -39,6 +40,7 @@ def logs_of(given: list[Path]) -> list[Path]:
         if path.is_dir():
             found = sorted(path.glob("*.csv"))
             if not found:
+                refuse_recording(path)
                 raise InputError(f"{path}: is a folder without logs (*.csv)")
             paths += found
         elif path.is_file() and path.suffix.lower() == ".json":

@@ -104,6 +104,8 @@ MISTAKES = [
     (["inspect", "log.csv"], "log.csv: has no robot.json beside it; name the robot with --robot"),
     (["inspect", "gone.csv"], "gone.csv: cannot be read (No such file or directory)"),
     (["inspect", "empty"], "empty: is a folder without logs (*.csv)"),
+    (["inspect", "bag", "--robot", "differential"], "bag: is a recording, ROS bag"),
+    (["inspect", "bag/run.mcap", "--robot", "differential"], "not a log; castor-bench import makes a log of it"),
     (["inspect", "--robot", "differential"], "logs"),
     (["inspekt", "log.csv"], "inspekt"),
     (["inspect", "log.csv", "--robot", "differential", "--jason"], "--jason"),
@@ -114,13 +116,15 @@ MISTAKES = [
 def test_a_mistake_is_one_line_on_stderr_and_exit_code_2(capsys, monkeypatch, log, arguments, message):
     monkeypatch.chdir(log.parent)
     Path("empty").mkdir()
+    Path("bag").mkdir()
+    Path("bag/run.mcap").touch()
     code, out, err = diagnose(capsys, monkeypatch, *arguments)
     assert code == 2
     assert out == ""
     assert err.count("\n") == 1
     assert err.startswith("error: ")
     assert message in err
-    assert sorted(path.name for path in log.parent.iterdir()) == ["empty", "log.csv"]
+    assert sorted(path.name for path in log.parent.iterdir()) == ["bag", "empty", "log.csv"]
 
 
 def test_a_folder_that_holds_its_own_discrepancy_does_not_shadow_ours(log):

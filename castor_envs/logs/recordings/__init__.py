@@ -5,6 +5,7 @@ from pathlib import Path
 
 from castor_envs.discovery import offers
 from castor_envs.errors import InputError
+from castor_envs.logs.recordings import csv_table
 from castor_envs.logs.recordings.recording import Recording, RecordingFormat
 
 
@@ -16,6 +17,13 @@ def formats() -> dict[str, RecordingFormat]:
 def recognised(source: str | os.PathLike[str]) -> RecordingFormat | None:
     """Return the kind of recording that a path is, None for no known one."""
     return next((known for known in formats().values() if known.recognises(Path(source))), None)
+
+
+def refuse_recording(path: Path) -> None:
+    """Raise InputError for a recording that is given in a log's place; CSV files may be logs."""
+    found = recognised(path)
+    if found is not None and found != csv_table.FORMAT:
+        raise InputError(f"{path}: is a recording, {found.name}, not a log; castor-bench import makes a log of it")
 
 
 def open_recording(source: str | os.PathLike[str]) -> Recording:

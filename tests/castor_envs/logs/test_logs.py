@@ -309,6 +309,22 @@ def test_files_that_are_no_text_or_not_there_are_named(tmp_path):
         read_log(tmp_path, DIFFERENTIAL)
 
 
+def test_a_recording_in_a_logs_place_is_told_as_one(tmp_path):
+    (tmp_path / "bag").mkdir()
+    contents = {
+        "run.wpilog": (b"WPILOG\x00\x01", "WPILib"), "run.mcap": (b"", "ROS bag"), "run.bag": (b"", "ROS bag"),
+        "run.db3": (b"", "ROS bag"), "bag/metadata.yaml": (b"", "ROS bag"), "run.tum": (b"0 0 0 0 0 0 0 1\n", "TUM"),
+    }  # fmt: skip
+    for name, (content, kind) in contents.items():
+        (tmp_path / name).write_bytes(content)
+        given = tmp_path / name.removesuffix("/metadata.yaml")
+        with pytest.raises(InputError, match=f"is a recording, .*{kind}.*, not a log; castor-bench import makes a log"):
+            read_log(given, DIFFERENTIAL)
+    (tmp_path / "run.csv").write_text("t,left,right\n0,0,0\n1,1,1\n")
+    with pytest.raises(InputError, match="castor-bench import makes a log of a recording by another program"):
+        read_log(tmp_path / "run.csv", DIFFERENTIAL)
+
+
 @given(st.integers(3, 6000), st.floats(0, 6000), st.lists(st.floats(-0.49, 0.49), min_size=2, max_size=40))
 def test_steps_below_half_a_turn_are_never_refused_wrapped_or_not(turn, start, steps):
     unwrapped = start + np.cumsum(np.array(steps) * turn)
