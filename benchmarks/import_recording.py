@@ -12,6 +12,7 @@ from castor_envs.logs.importers import import_sessions, importers
 from castor_envs.logs.mapping.channel_map import UNDECIDED, Column, Source
 from castor_envs.logs.mapping.guess import possible_wheels
 from castor_envs.logs.mapping.places import Places
+from castor_envs.logs.mapping.said_units import says_unit
 from castor_envs.logs.recordings import formats, recognised
 from castor_envs.logs.recordings.recording import Clock, Found, Recording
 from castor_envs.vehicles.load import load_robot
@@ -106,7 +107,9 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
     print(f"\n{MAP}: a map, guessed from names; check each line of it")
     for key, column in guessed.columns.items():
         given = shortened(", ".join(column.channels))
-        unit = column.unit if column.source == "main" else f"{column.unit}, source {column.source!r}"
+        known = key in column.channels or all(says_unit(name, column.unit) for name in column.channels)
+        source_of = "" if column.source == "main" else f", source {column.source!r}"
+        unit = f"{column.unit}{'' if known else ', unit guessed'}{source_of}"
         print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
     if pose and all(key in pose or key in undecided for key in guessed.columns):
         print("note: no name says which channel is a wheel's; if none is, this is the reference of another recording")

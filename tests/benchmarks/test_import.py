@@ -196,6 +196,25 @@ def test_wheels_that_no_name_tells_are_to_be_chosen_beside_a_reference(tmp_path,
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(
+    ("names", "units"),
+    [
+        ("left_speed,right_speed,x,y,yaw", ("rad/s, unit guessed", "m, unit guessed", "rad, unit guessed")),
+        ("left_speed_mps,right_speed_mps,x_mm,y_mm,yaw_deg", ("m/s", "mm", "deg")),
+        ("left wheel [°],right wheel [°],x [m],y [m],yaw [°]", ("deg", "m", "deg")),
+        ("wheel_1l,wheel_1r,ref_x,ref_y,ref_psi", ("counts", "m", "rad")),
+        ("/j position[left],/j position[right],/v pose.x,/v pose.y,/v pose.heading", ("rad", "m", "rad")),
+    ],
+)
+def test_units_that_nothing_says_are_marked(tmp_path, capsys, monkeypatch, names, units):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text(f"t,{names}\n" + "".join(f"{k},{k}.5,{k}.5,{k},{k},{k}\n" for k in range(4)))
+    _, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    left, _, x, _, psi = names.split(",")
+    for key, channel, unit in zip(("wheel_1l", "ref_x", "ref_psi"), (left, x, psi), units, strict=True):
+        assert f"  {key}: {channel} ({unit})" in printed.splitlines()
+
+
 def test_what_is_left_out_is_listed_by_reasons(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("t,left_ticks,mode,state,right_ticks\n0,0,A,B,0\n1,1,A,B,1\n2,2,A,B,2\n")

@@ -9,6 +9,7 @@ from operator import itemgetter
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
 from castor_envs.logs.mapping.places import SAID, Places, words_of
+from castor_envs.logs.mapping.said_units import WORDS, angle_unit, in_degrees, length_in, rate_unit
 from castor_envs.logs.mapping.units import LENGTHS
 from castor_envs.logs.recordings.recording import Clock, Found
 from castor_envs.vehicles.robot import RobotDescription
@@ -16,12 +17,11 @@ from castor_envs.vehicles.robot import RobotDescription
 HEADING = {"heading", "psi", "yaw", "theta", "phi"}
 WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
 PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
-COUNTED = {"tick", "ticks", "count", "counts"}
 COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
 SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm"}
 RATE = SPEED | {"rate", "omega", "dps", "per", "s", "sec"}
-UNITS = {"rad", "deg", "rev", "m", "s"}
-BARE = UNITS | {"ms", "us", "ns", "cm", "mm", "rpm"}
+UNITS = {"s"}.union(*WORDS.values())
+BARE = (UNITS - WORDS["counts"]) | {"ms", "us", "ns"}
 """Words that alone, or with the number of a column, are a unit and name nothing."""
 NEVER = {"effort", "torque", "current", "voltage", "volts", "temperature", "covariance", "heading"}
 TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "tracker", "ref", "reference", "opti"}
@@ -38,14 +38,8 @@ _PER_SECOND = re.compile(
 )
 """A unit of speed in a name, such as ``deg/s``, ``m_s`` and ``ticks per sec``."""
 
-_MOTOR = re.compile(r"(?<![A-Za-z])[mM]\d")
-"""A motor's name, such as ``M1``, whose letter is no unit."""
-
 _JOINT = re.compile(r"(?:^| )((?:position|velocity)\[.*\])$")
 """What names a joint of ROS in a channel: ``velocity[left]`` of whatever topic."""
-
-_IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
-"""Joints of ROS and angles of WPILib's structs, whose units their definitions say."""
 
 RECEIVED = "received"
 """Source of channels of ROS whose messages have no time in a header, but that of their receipt."""
@@ -72,18 +66,18 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
             if channel == UNDECIDED:
                 channel = _best(key, free, words, places)
             speed = bool(SPEED & words_of(channel) or _PER_SECOND.search(channel.lower()))
-            unit = _angle_unit(channel, found, "/s" if speed else "")
-            guessed[key] = Column(channel=channel, unit=unit, scale=_length(channel) if unit[0] == "m" else 1.0)
+            unit = angle_unit(channel, found, "/s" if speed else "")
+            guessed[key] = Column(channel=channel, unit=unit, scale=length_in(channel) if unit[0] == "m" else 1.0)
             free.pop(channel, None)
     commanded = {key: _best(key, free, COMMANDED, places) for key in columns.command if key not in guessed}
     if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
-        guessed |= {key: Column(channel=name, unit=_rate_unit(name, found)) for key, name in commanded.items()}
+        guessed |= {key: Column(channel=name, unit=rate_unit(name, found)) for key, name in commanded.items()}
     gyros = [name for name in free if _is_gyro(name)]
     gyros.sort(key=lambda name: (not _live({name: free[name]}), _is_angle(name)))  # what changes, and rates, first
     if gyros and columns.gyro[0] not in guessed:
         angle = _is_angle(gyros[0])
         turned = angle and _most(found[gyros[0]]) > FEW_TURNS
-        unit = ("deg" if turned or _degrees(gyros[0]) else "rad") + ("" if angle else "/s")
+        unit = ("deg" if turned or in_degrees(gyros[0]) else "rad") + ("" if angle else "/s")
         guessed[columns.gyro[0]] = Column(channel=gyros[0], unit=unit)
     if columns.reference[0] not in guessed:
         guessed |= _reference(columns.reference, free)
@@ -180,50 +174,9 @@ def _is_angle(gyro: str) -> bool:
     return bool(given & (HEADING | {"angle"})) and not given & RATE
 
 
-def _degrees(name: str) -> bool:
-    return "°" in name or bool({"deg", "degrees", "degree", "dps"} & words_of(name))
-
-
 def _most(channel: Found) -> float:
     """Return the largest size of what a channel holds."""
     return max(abs(channel.low), abs(channel.high))
-
-
-def _angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
-    """Return the unit that a channel's format or name states, or what it holds suggests, or its numbers: whole ones are
-    counts."""
-    if _IN_RADIANS.search(channel):
-        return "rad" + per
-    if channel.endswith(".speed") and channel.removesuffix("speed") + "angle" in found:  # WPILib's SwerveModuleState
-        return "m/s"
-    given = words_of(channel) - ({"m"} if _MOTOR.search(channel) else set())
-    if "°" in channel:
-        return "deg" + per
-    for unit, words in (
-        ("rpm", {"rpm"}),
-        ("counts", COUNTED),
-        ("deg", {"deg", "degs", "degrees", "degree", "dps"}),
-        ("rev", {"rev", "revs", "rot", "rotations", "turns"}),
-        ("rad", {"rad", "rads", "radians"}),
-        ("m", {"m", "mps", "meters", "metres", "mm", "cm"}),
-        ("m", {"distance"}),
-    ):
-        if given & words:
-            return unit if unit == "rpm" else unit + per
-    if given & {"enc", "encoder", "encoders"}:
-        return ("counts" if channel not in found or found[channel].whole or not found[channel].count else "m") + per
-    return ("counts" if channel in found and found[channel].whole else "rad") + per
-
-
-def _length(name: str) -> float:
-    """Return how many metres the unit of length in a name is, 1 without one."""
-    return next((metres for unit, metres in LENGTHS.items() if unit in words_of(name)), 1.0)
-
-
-def _rate_unit(name: str, found: Mapping[str, Found]) -> str:
-    """Return the unit of a command: what its name states, or else rad/s."""
-    unit = _angle_unit(name, found, "/s")
-    return unit if unit != "counts/s" or COUNTED & words_of(name) else "rad/s"
 
 
 def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, Column]:
@@ -245,7 +198,7 @@ def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, 
         max(fitting, key=lambda words: (any(p in live for p in whole[words].values()), bool(words & TRUSTED)))
     ]
     heading = found[chosen["heading"]]
-    angle = "deg" if _degrees(chosen["heading"]) or _most(heading) > FEW_TURNS else "rad"
+    angle = "deg" if in_degrees(chosen["heading"]) or _most(heading) > FEW_TURNS else "rad"
     lengths = [words_of(chosen[part]) for part in ("x", "y")]
     units = [next((unit for unit in LENGTHS if unit in given), "m") for given in lengths] + [angle]
     return {
