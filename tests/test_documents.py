@@ -51,7 +51,7 @@ def test_tables_are_those_of_the_stored_results(script_called):
 def test_the_table_of_trials_is_that_of_the_stored_ones(script_called):
     script = script_called("make_trial_tables")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))
-    assert script.with_table(page, figures) == page, "run python scripts/tables/make_trial_tables.py"
+    assert script.with_tables(page, figures) == page, "run python scripts/tables/make_trial_tables.py"
     for trial in figures["trials"]:
         for rate in trial["rates"]:
             assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))

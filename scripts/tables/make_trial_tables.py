@@ -1,8 +1,9 @@
-"""Write docs/trials.json from the folders of trials, and the table of docs/diagnosis-trials.md from that.
+"""Write docs/trials.json from the folders of trials, and from that the tables of docs/diagnosis-trials.md: of robots
+and of trains.
 
     castor-diagnose trial --out FOLDER && python scripts/tables/make_trial_tables.py FOLDER...
 
-They come before what is stored already. Without folders, the table is made anew.
+They come before what is stored already. Without folders, the tables are made anew.
 """
 
 import json
@@ -11,12 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from castor_envs.files import write_atomically
+from castor_envs.vehicles.presets import train_names
 from discrepancy.trials.scores import calibration_error, report, wilson
 
 FORMAT = "castor-trial-figures/1"
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "trials.json"
 START, END = "<!-- table: made by scripts/tables/make_trial_tables.py -->\n", "<!-- end of table -->\n"
+OF_TRAINS = "<!-- table of trains: made by scripts/tables/make_trial_tables.py -->\n"
 
 Figures = dict[str, Any]
 
@@ -30,13 +33,13 @@ def figures_of(folders: list[Path]) -> Figures:
     return {"format": FORMAT, "trials": trials}
 
 
-def table(figures: Figures) -> str:
+def robots_table(figures: Figures) -> str:
     """Return the table of all rates: a column for the newest trial of each simulator, and one for all of its trials."""
     generators: dict[str, list[Figures]] = {}
     for trial in figures["trials"]:
-        generators.setdefault(trial["plan"]["generator"], []).append(trial)
+        if not _of_train(trial):
+            generators.setdefault(trial["plan"]["generator"], []).append(trial)
     newest = [trials[:1] for trials in generators.values()]
-    columns = [*newest, *generators.values()]
     heads = [
         f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases" for (trial,) in newest
     ]
@@ -44,8 +47,26 @@ def table(figures: Figures) -> str:
         f"{name}, all {len(trials)} trials, {sum(trial['judged'] for trial in trials)} cases"
         for name, trials in generators.items()
     ]
+    return _table(heads, [*newest, *generators.values()])
+
+
+def trains_table(figures: Figures) -> str:
+    """Return the table of trains: a column for each trial, and one for all; without rates of what no trial has."""
+    trials = [trial for trial in figures["trials"] if _of_train(trial)]
+    heads = [f"{trial['plan']['robots'][0]}, seed {trial['plan']['seed']}, {trial['judged']} cases" for trial in trials]
+    table = _table([*heads, "all"], [*([trial] for trial in trials), trials])
+    empty = f"{' | '.join(['-'] * (len(trials) + 1))} |"
+    return "".join(row for row in table.splitlines(keepends=True) if not row.endswith(f"| {empty}\n"))
+
+
+def _of_train(trial: Figures) -> bool:
+    return trial["plan"]["robots"][0] in train_names()
+
+
+def _table(heads: list[str], columns: list[list[Figures]]) -> str:
+    """Return the table of rates; columns: the trials that each sums."""
     rows = [["", *heads], ["---"] * (len(heads) + 1)]
-    for heading, what in _rates(figures["trials"][0]):
+    for heading, what in _rates(columns[0][0]):
         counted = [[of for trial in trials if (of := _rates(trial).get((heading, what)))] for trials in columns]
         rows.append([what.replace("  ", "– "), *map(_cell, counted)])
     rows.append(["expected calibration error of reported probabilities", *map(_error, columns)])
@@ -87,10 +108,12 @@ def _joined(parts: list[Figures]) -> Figures:
     return {"total": total, "share": count / total, "probability": probability}
 
 
-def with_table(page: str, figures: Figures) -> str:
-    """Return the page with a new table between its marks."""
-    before, rest = page.split(START)
-    return before + START + "\n" + table(figures) + "\n" + END + rest.split(END, 1)[1]
+def with_tables(page: str, figures: Figures) -> str:
+    """Return the page with new tables between their marks."""
+    for start, table in ((START, robots_table(figures)), (OF_TRAINS, trains_table(figures))):
+        before, rest = page.split(start)
+        page = before + start + "\n" + table + "\n" + END + rest.split(END, 1)[1]
+    return page
 
 
 if __name__ == "__main__":
@@ -98,4 +121,4 @@ if __name__ == "__main__":
     if sys.argv[1:]:
         figures["trials"] = figures_of([Path(name) for name in sys.argv[1:]])["trials"] + figures["trials"]
         write_atomically(FIGURES, json.dumps(figures, indent=1) + "\n")
-    write_atomically(PAGE, with_table(PAGE.read_text(encoding="utf-8"), figures))
+    write_atomically(PAGE, with_tables(PAGE.read_text(encoding="utf-8"), figures))
