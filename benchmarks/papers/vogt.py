@@ -77,7 +77,7 @@ def selected_axle(test: StaticTest, metric: str) -> int:
 
 def position_errors(test: StaticTest, metric: str) -> Array:
     """Return how far each axle is from the truth, (3,) m, after correction by the axle that a metric selects."""
-    corrected = grpec.attached(test.odometry, test.relative)[selected_axle(test, metric) - 1]
+    corrected = grpec.corrected(test.odometry, test.relative, selected_axle(test, metric) - 1)
     return np.linalg.norm(corrected[:, :2] - test.truth[:, :2], axis=-1)
 
 

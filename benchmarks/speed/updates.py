@@ -1,7 +1,7 @@
 """An estimator's update: of one robot from Python, and of many robots at once, for each of them."""
 
 import statistics
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -11,11 +11,16 @@ from benchmarks.tasks.kinematic import ROBOT
 from castor_envs.errors import Declined
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.load import load_vehicle
+from castor_envs.vehicles.presets import cfmmr
 from estimators.plugins.registry import builtin_names, load_estimator, reset_at_origin
+from estimators.trains import grpec
 
 SINGLE = {ROBOT: ("cast-0", "ipec-1", "wheel-odometry", "filter"), "swerve": ("wheel-odometry", "wpilib-swerve")}
 BATCHED = ("cast-0", "ipec-1", "wheel-odometry", "filter")
 ROBOTS, UPDATES = 1000, 20
+
+SNAPSHOTS, SPREAD = 100_000, (0.1, 0.1, 0.3)
+"""Of a train on three axles; standard deviations of its odometry and its relative poses, m, m and rad."""
 
 
 def figures(effort: Effort) -> Iterator[Figure]:
@@ -40,6 +45,10 @@ def figures(effort: Effort) -> Iterator[Figure]:
     for spec, of in by_turns(many, effort.rounds).items():
         told = f"update of {spec}, {ROBOTS} robots at once, for each"
         yield Figure(told, 1e9 * statistics.median(of) / UPDATES / ROBOTS, "ns")
+    (of,) = by_turns({"grpec-xy": _corrections()}, effort.rounds).values()
+    yield Figure(
+        f"correction by grpec-xy, {SNAPSHOTS:,} at once, for each", 1e6 * statistics.median(of) / SNAPSHOTS, "us"
+    )
 
 
 def _updates(estimator: Any, robot: Any, stack: tuple[int, ...]) -> Any:
@@ -60,6 +69,19 @@ def _updates(estimator: Any, robot: Any, stack: tuple[int, ...]) -> Any:
             estimator.update(sample)
 
     return updates
+
+
+def _corrections() -> Callable[[], object]:
+    """Return what corrects random snapshots of a train on three axles."""
+    random = np.random.default_rng(0)
+    odometry, relative = (random.normal(0.0, SPREAD, (SNAPSHOTS, axles, 3)) for axles in (3, 2))
+    relative[..., 0] += cfmmr(3).frames[0].length
+
+    def corrections() -> object:
+        distance = grpec.errors(odometry, relative).theta_xy
+        return grpec.corrected(odometry, relative, grpec.select(distance, distance))
+
+    return corrections
 
 
 GROUP = Group("Updates of estimators", figures)

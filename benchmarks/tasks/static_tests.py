@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from estimators.trains.grpec import attached
+from estimators.trains.grpec import corrected
 
 ALIGNED = ((0.80, 0.1, 0.0), (0.45, 0.1, 0.0), (0.10, 0.1, 0.0))
 
@@ -33,7 +33,7 @@ class StaticTest:
     @property
     def truth(self) -> Array:
         """True poses of the axles (3, 3): the relative poses attached to the true axle, as the paper takes them."""
-        return attached(self.odometry, self.relative)[self.true_axle - 1]
+        return corrected(self.odometry, self.relative, self.true_axle - 1)
 
 
 def _test(number: int, description: str, odometry: object, relative: object, true_axle: int) -> StaticTest:

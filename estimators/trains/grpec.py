@@ -25,6 +25,10 @@ TIE = 1e-12
 decides. theta_phi of two axles is always equal for even N."""
 
 
+AT_ONCE = 4096
+"""Snapshots whose errors are computed at once: more do not stay in a processor's cache."""
+
+
 class Errors(NamedTuple):
     """How far each attachment is from the OD poses, (..., N) by the attached axle j.
 
@@ -58,6 +62,15 @@ def attached(od: ArrayLike, relative: ArrayLike) -> Array:
     return se2.compose(od[..., :, None, :], seen)
 
 
+def corrected(od: ArrayLike, relative: ArrayLike, axle: ArrayLike) -> Array:
+    """Return the poses (..., N, 3) of the relative poses made global by one axle (...), from 0: `attached` for that
+    axle alone."""
+    od, relative = _checked(od, relative)
+    shape, axle = chain(relative), np.asarray(axle)[..., None, None]
+    trusted, seen_from = (np.take_along_axis(poses, axle, axis=-2) for poses in (od, shape))
+    return se2.compose(trusted, se2.relative_pose(seen_from, shape))
+
+
 def errors(od: ArrayLike, relative: ArrayLike) -> Errors:
     """Return the errors (..., N) of every attachment, for OD poses (..., N, 3) and relative poses (..., N - 1, 3).
 
@@ -66,6 +79,10 @@ def errors(od: ArrayLike, relative: ArrayLike) -> Errors:
     a heading cost digits, and errors that tie do so exactly. Raises InputError for other shapes.
     """
     od, relative = _checked(od, relative)
+    if od.ndim == relative.ndim == 3 and len(od) == len(relative) > AT_ONCE:
+        starts = range(0, len(od), AT_ONCE)
+        parts = [errors(od[start : start + AT_ONCE], relative[start : start + AT_ONCE]) for start in starts]
+        return Errors(*map(np.concatenate, zip(*parts, strict=True)))
     shape = chain(relative)
     turned = wrap(od[..., 2] - shape[..., 2])
     cos, sin = np.cos(turned)[..., None], np.sin(turned)[..., None]
@@ -153,7 +170,7 @@ class GRPEC:
             axle = int(select(metric, found.theta_xy))
             con1, con2 = confidence(metric)
             self.selected, self.confidence = axle + 1, (float(con1), float(con2))
-            self._configuration.correct(next_to(od[:, 2], attached(od, relative)[axle]))
+            self._configuration.correct(next_to(od[:, 2], corrected(od, relative, axle)))
         return self._configuration.poses.copy()
 
 

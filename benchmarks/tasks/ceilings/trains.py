@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.train import TrainDescription
-from estimators.trains.grpec import attached
+from estimators.trains.grpec import corrected
 from estimators.trains.least_squares import gauss_newton
 from estimators.trains.odometry import TrainOdometry
 
@@ -57,4 +57,4 @@ def best_configuration(belief: Array, relative: Array, sound: Sequence[int]) -> 
     belief (N, 3), relative (N - 1, 3). sound: these axles, from 1 at the front.
     """
     right = np.isin(np.arange(1, len(belief) + 1), sound)
-    return gauss_newton(belief, relative, priors=right, start=attached(belief, relative)[int(np.argmax(right))]).poses
+    return gauss_newton(belief, relative, priors=right, start=corrected(belief, relative, int(np.argmax(right)))).poses

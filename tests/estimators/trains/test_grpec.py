@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from benchmarks.tasks.static_tests import STATIC_TESTS
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import cfmmr
-from estimators.trains.grpec import GRPEC, GRPECXY, GRPECDev, GRPECPhi, attached, confidence, errors, select
+from estimators.trains.grpec import GRPEC, GRPECXY, GRPECDev, GRPECPhi, attached, confidence, corrected, errors, select
 
 # Table 1: rows axles 1 to 3, then CON1 and CON2; m and deg.
 TABLE_1 = {
@@ -259,3 +259,15 @@ def test_far_places_and_whole_turns_cost_no_tie():
     far = errors(straight + np.array([1024.0, -2048.0, 0.0]), relative)
     for near_error, far_error in zip(near, far, strict=True):
         np.testing.assert_allclose(near_error, far_error, atol=1e-12)
+
+
+def test_many_snapshots_are_corrected_as_each_is(monkeypatch):
+    random = np.random.default_rng(3)
+    od, relative = random.normal(size=(50, 4, 3)), random.normal(size=(50, 3, 3))
+    whole = errors(od, relative)
+    monkeypatch.setattr("estimators.trains.grpec.AT_ONCE", 8)
+    for at_once, in_parts in zip(whole, errors(od, relative), strict=True):
+        np.testing.assert_array_equal(in_parts, at_once)
+    trusted = select(whole.theta_xy, whole.theta_xy)
+    one_by_one = [attached(od[k], relative[k])[axle] for k, axle in enumerate(trusted)]
+    np.testing.assert_array_equal(corrected(od, relative, trusted), one_by_one)
