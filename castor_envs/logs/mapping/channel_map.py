@@ -42,8 +42,8 @@ class Source:
     """Where readings come from.
 
     file: a recording, as seen from the folder of the one that is imported, None for that one itself. time: by which
-    clock: "header" or "receive" of ROS messages, a CSV file's column of times (of seconds and nanoseconds both, as in
-    "sec + nanosec"), a file of times for KITTI text. unit: of such a column or file. period: s, between rows without
+    clock: "header" or "receive" of ROS messages, a CSV file's column of times (or two, as in "sec + nanosec" and in
+    "date + time"), a file of times for KITTI text. unit: of such a column or file. period: s, between rows without
     times. offset: s, added to all times, so that clocks of two computers agree.
     """
 

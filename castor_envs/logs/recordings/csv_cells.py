@@ -1,4 +1,4 @@
-"""Cells of a CSV file: what is a number, a date or a blank, for whoever looks at them."""
+"""Cells of a CSV file: what is a number, a date, a time of day or a blank, for whoever looks at them."""
 
 import csv
 import re
@@ -9,6 +9,11 @@ from castor_envs.logs.table import complaint
 
 _BLANK = {"", "na", "n/a", "null", "none", "-"}
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_DATE = re.compile(
+    r"(?:(?P<y>\d{4})(?P<by>[-/.])(?P<m>\d\d?)(?P=by)(?P<d>\d\d?)|(?P<D>\d\d?)\.(?P<M>\d\d?)\.(?P<Y>\d{4}))"
+    r"(?:[T ] *(?P<h>\d\d?)(?P<rest>:.*))?"
+)
+_TIME_OF_DAY = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)(?:[.,](\d+))?")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 """What may be a thousand, where a decimal comma needs quotes."""
@@ -33,19 +38,47 @@ def is_blank(cell: str) -> bool:
 
 
 def date(cell: str) -> int | None:
-    """Return a date as ISO 8601 writes it as ns since 1970, to the microsecond, UTC where it names no zone; or None."""
-    if not (cell[:4].isdigit() and cell[4:5] == "-"):
+    """Return a date as ns since 1970, to the microsecond, UTC where it names no zone; None of any other text.
+
+    As ISO 8601 writes it, with slashes or dots for dashes, or with the day before the month between dots; without a
+    time of day it is midnight. Slashes with the year last are none: people differ about the month's place.
+    """
+    found = _DATE.fullmatch(cell)
+    if found is None:
         return None
+    year, month, day = (found[part] or found[part.upper()] for part in "ymd")
+    hour = f"T{found['h']:0>2}{found['rest']}" if found["h"] else ""
     try:
-        read = datetime.fromisoformat(cell)
+        read = datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}{hour}")
     except ValueError:
         return None
     return (read.replace(tzinfo=read.tzinfo or UTC) - _EPOCH) // timedelta(microseconds=1) * 1000
 
 
+def time_of_day(cell: str) -> int | None:
+    """Return a time such as ``12:00:01.5`` as ns since midnight; None of any other text."""
+    found = _TIME_OF_DAY.fullmatch(cell)
+    if found is None:
+        return None
+    hours, minutes, seconds, part = found.groups(default="0")
+    return ((int(hours) * 60 + int(minutes)) * 60 + int(seconds)) * 10**9 + int(f"{part:0<9.9}")
+
+
+def moment(cell: str) -> float | None:
+    """Return what a cell says of when something was: a number; a date or a time of day as ns; None of other text."""
+    value = value_of(cell)
+    value = date(cell) if value is None else value
+    return time_of_day(cell) if value is None else value
+
+
+def is_day(cell: str) -> bool:
+    """Return whether a cell is a date without a time of day."""
+    return ":" not in cell and date(cell) is not None
+
+
 def is_read(cell: str) -> bool:
-    """Return whether a cell holds a number or a date."""
-    return is_number(cell) or date(cell) is not None
+    """Return whether a cell holds a number, a date or a time of day."""
+    return moment(cell) is not None
 
 
 def says_decimal_comma(cell: str) -> bool:

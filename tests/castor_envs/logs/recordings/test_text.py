@@ -40,6 +40,14 @@ def read(path, channel, clock=None):
         "timestamp,left\n2024-05-01T12:00:00.250Z,1\n2024-05-01T12:00:00.750Z,2\n",
         "left;datetime\n1,0;2024-05-01 23:59:59,75\n2,0;2024-05-02 00:00:00,25\n",
         "mode,date,left\nAUTO,2024-05-01T13:00:00+01:00,1\nAUTO,2024-05-01T12:00:00.5+00:00,2\n",
+        "time,left\n12:00:01.5,1\n12:00:02.0,2\n",
+        "left;Uhrzeit\n1,0;9:59:59,75\n2,0;10:00:00,25\n",
+        "time,left\n23:59:59.75,1\n00:00:00.25,2\n",
+        "date,left\n2024/05/01 12:00:00.250,1\n2024/05/01 12:00:00.750,2\n",
+        "left;Datum\n1,0;31.5.2024 23:59:59,75\n2,0;1.6.2024 0:00:00,25\n",
+        "date,time,left\n2024-05-31,23:59:59.75,1\n2024-06-01,00:00:00.25,2\n",
+        "left clock day\n1 23:59:59.75 31.05.2024\n2 00:00:00.25 01.06.2024\n",
+        "time,cycle_time,left,timestamp\nA,1,1,0\nA,1,2,0.5\n",
         "header.stamp.sec,header.stamp.nanosec,left\n1700000000,900000000,1\n1700000001,400000000,2\n",
         "left,field.header.stamp.secs,field.header.stamp.nsecs\n1,7,900000000\n2,8,400000000\n",
         "sec,nanosec,left\n1,900000000,1\n2,400000000,2\n",
@@ -64,7 +72,8 @@ def test_delimiter_header_and_time_are_found(tmp_path, text):
 
 def test_dates_are_seconds_since_1970(tmp_path):
     """11017.5 days after it; without a zone as in UTC."""
-    for day in ("2000-03-01T12:00:00", "2000-03-01T12:00:00Z", "2000-03-01T14:00:00+02:00"):
+    iso = ("2000-03-01T12:00:00", "2000-03-01T12:00:00Z", "2000-03-01T14:00:00+02:00")
+    for day in (*iso, "2000/03/01 12:00:00", "2000.3.1 12:00", "01.03.2000 12:00:00", "1.3.2000 12:00:00Z"):
         path = written(tmp_path, f"timestamp,left\n{day},1\n2000-03-01T15:00:00Z,2\n")
         assert read(path, "left")[0] == (11017.5 * 86400, 1.0)
 
@@ -142,6 +151,37 @@ def test_times_are_found_by_their_names_and_units_and_else_as_what_alone_increas
     rows = "".join(f"{step * k},{7 * k % 3},{-k}\n" for k in range(5))
     clock = open_recording(written(tmp_path, f"{header},left,right\n{rows}")).clock()
     assert (clock.time, clock.unit) == (header, unit)
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        *((name, "ms") for name in ("timestamp_ms", "Timestamp(ms)", "time-ms", "elapsedMillis", "ms", "msec")),
+        *((name, "s") for name in ("Time (s)", "secs", "t / s", "elapsed_sec", "elapsedSeconds", "unix_time [s]")),
+        *((name, "us") for name in ("TimeUS", "usec", "time_usec", "TIME_MICROSECONDS")),
+        *((name, "ns") for name in ("timestamp_ns", "nsecs", "stamp-ns")),
+        *((name, None) for name in ("stamp", "#time", "elapsed", "elapsedTime", "__time", "/clock/time", "ts", "t")),
+    ],
+)
+def test_a_name_of_time_is_the_clock_whatever_else_goes_ahead(tmp_path, header, unit):
+    """Counts that increase as times do stand beside it; a name that says no unit leaves that to the steps."""
+    rows = "".join(f"{k},{50 * k},{3 * k}\n" for k in range(5))
+    clock = open_recording(written(tmp_path, f"seq,{header},left\n{rows}")).clock()
+    assert (clock.time, clock.unit) == (header, unit or "ms")
+
+
+def test_times_of_day_go_on_past_each_midnight_and_a_late_row_stays_late(tmp_path):
+    of_day = ("23:59:59.9", "00:00:00.1", "23:59:59.95", "00:00:00.2", "12:00:00", "18:00:00", "00:00:00")
+    path = written(tmp_path, "time,left\n" + "".join(f"{time},1\n" for time in of_day))
+    assert [round(t - 86400, 3) for t, _ in read(path, "left")] == [-0.1, 0.1, -0.05, 0.2, 43200, 64800, 86400]
+
+
+def test_what_is_no_time_of_day_and_no_date_is_text(tmp_path):
+    """Dates with slashes and the year last have their month first or second, by country."""
+    for cell in ("12:60:00", "12:00", "05/01/2024 12:00:00", "2024/13/01 12:00:00", "31.04.2024", "1.2.3"):
+        path = written(tmp_path, f"stamp,left\n{cell},1\n{cell},2\n")
+        assert open_recording(path).clock() == Clock(period=1.0)
+        assert survey(open_recording(path), Clock(period=1.0)).keys() == {"left"}
 
 
 def test_of_columns_that_increase_the_one_with_a_unit_of_time_is_the_clock(tmp_path):
