@@ -134,9 +134,9 @@ def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: in
             raise InputError(f"{where}: the four channels are not read at the same times; take them from one message")
         values = np.array([heading_of(*q) for q in zip(*(other.value for other in series), strict=True)])
         times, values = times[np.isfinite(values)], values[np.isfinite(values)]
-    track, repeated = Track.of(where, times - begin, values, first.held)
+    track, left_out = Track.of(where, times - begin, values, first.held)
     missing = max(other.missing for other in series)
-    for count, what in ((repeated, "repeat a time"), (missing, "are no finite numbers")):
+    for what, count in (left_out | {"are no finite numbers": missing}).items():
         if count:
             notes.append(f"{key}: {count} of {len(first.time) + missing} readings {what} and are left out")
     if column.wraps_at is not None:

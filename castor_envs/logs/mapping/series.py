@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array, Numbers
@@ -11,6 +12,9 @@ from castor_envs.logs.reference import interpolated
 
 LONGEST = 0.5
 """s: the longest time between speeds over which counts are still summed."""
+
+BEHIND, FEW = 0.5, 0.1
+"""s, and part of all readings: what a recorder's threads, and networks, bring out of order is less, and left out."""
 
 WHOLE = 0.02
 """Counts by which whole ones may be off after a driver turned them into an angle, in single precision for instance."""
@@ -31,24 +35,27 @@ class Track:
     rate: float | None = None
 
     @classmethod
-    def of(cls, where: str, times: Numbers, values: Numbers, held: bool) -> tuple[Self, int]:
-        """Return the track of readings at times, ns since the log's first row, and how many repeated a time, left out.
+    def of(cls, where: str, times: Numbers, values: Numbers, held: bool) -> tuple[Self, dict[str, int]]:
+        """Return the track of readings at times, ns since the log's first row, and by reasons how many are left out.
 
-        Raises InputError for a clock that goes back, or stands still in most readings.
+        Those are left out that come at a time not after the last one. Raises InputError for a clock that goes back, or
+        stands still in most readings.
         """
-        steps = np.diff(times)
-        for k in np.flatnonzero(steps < 0)[:1]:
+        latest = np.maximum.accumulate(times)
+        new, late = np.append(True, np.diff(latest) > 0), times < latest
+        if (back := _goes_back(times, new, late)) is not None:
             raise InputError(
-                f"{where}: the clock goes back by {-steps[k] / 1e9:.6g} s at reading {k + 2}; give another clock, or "
-                "cut the recording there"
+                f"{where}: the clock goes back by {(latest[back] - times[back]) / 1e9:.6g} s at reading {back + 1}; "
+                "give another clock, or cut the recording there"
             )
-        new = np.append(True, steps > 0)
-        if 2 * np.sum(~new) > len(new):
+        repeated = int(np.sum(~new & ~late))
+        if 2 * repeated > len(new):
             raise InputError(
-                f"{where}: {np.sum(~new)} of {len(new)} readings repeat a time: the clock is too coarse, or not "
-                "theirs; give the source another 'time'"
+                f"{where}: {repeated} of {len(new)} readings repeat a time: the clock is too coarse, or not theirs; "
+                "give the source another 'time'"
             )
-        return cls(where, times[new] / 1e9, values[new], held), int(np.sum(~new))
+        left_out = {"repeat a time": repeated, "come after later ones": int(np.sum(late))}
+        return cls(where, times[new] / 1e9, values[new], held), left_out
 
     def scaled(self, factor: float) -> Self:
         """Return the track with all numbers multiplied."""
@@ -117,6 +124,19 @@ class Track:
         value = self.at(t)
         at_edges, edges = (np.concatenate([v[:1], (v[1:] + v[:-1]) / 2, v[-1:]]) for v in (value, t))
         return np.diff(at_edges) / np.diff(edges)
+
+
+def _goes_back(times: Numbers, new: NDArray[np.bool_], late: NDArray[np.bool_]) -> int | None:
+    """Return the first reading of a clock that goes back, as of a log that was restarted; None for a few late readings.
+
+    times (M,), ns; new: those after all before them; late: those before one of these. A clock goes back that stays
+    behind for over `BEHIND`, or of which more than `FEW` of the readings are late.
+    """
+    at = np.flatnonzero(late)
+    if len(at) > FEW * len(times):
+        return int(at[0])
+    first = at[np.searchsorted(at, np.flatnonzero(new)[np.cumsum(new)[at] - 1])]  # of those late ones in a row
+    return next(iter(first[times[at] - times[first] > BEHIND * 1e9].tolist()), None)
 
 
 def _integral(t: Array, value: Array) -> Array:

@@ -88,8 +88,9 @@ class RowTimes:
             if name not in names:
                 raise InputError(f"{path}: has no column {name!r}{did_you_mean(name, names)}")
         self._path, self._period = path, clock.period or 0.0
-        units: tuple[TimeUnit, TimeUnit] = (clock.unit, "ns")
-        self._parts = [(name, names.index(name), unit) for name, unit in zip(self.columns, units, strict=False)]
+        self._parts: list[tuple[str, int, TimeUnit]] = [
+            (name, names.index(name), "ns" if k else clock.unit) for k, name in enumerate(self.columns)
+        ]
         self._last = 0
 
     def of(self, row: int, line: Line) -> int:
@@ -112,7 +113,7 @@ class RowTimes:
 def _goes_ahead(cells: Sequence[str]) -> bool:
     """Return whether times go ahead nearly always; or there is one alone."""
     steps = np.diff([moment(cell) or 0.0 for cell in cells])
-    return not len(steps) or np.sum(steps > 0) > IN_ORDER * np.sum(steps < 0)
+    return not len(steps) or bool(np.sum(steps > 0) > IN_ORDER * np.sum(steps < 0))
 
 
 def _rises(cells: Sequence[str]) -> bool:

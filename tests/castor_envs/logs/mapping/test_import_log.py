@@ -374,7 +374,12 @@ def test_a_map_that_is_no_map_is_refused(data, words):
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"t": np.where(np.arange(101) == 40, 0.0, T)}, ["columns.", "the clock goes back by 0.78 s at reading 41"]),
+        (
+            {"t": T - 0.78 * (T > 0.79)},
+            ["columns.", "the clock goes back by 0.76 s at reading 41", "cut the recording"],
+        ),
+        ({"t": T + 9.0 * (np.arange(101) == 40)}, ["the clock goes back by 8.98 s at reading 42"]),
+        ({"t": T + 9.0 * (np.arange(101) % 2)}, ["the clock goes back by 8.98 s at reading 3"]),
         ({"t": np.floor(T)}, ["columns.", "98 of 101 readings repeat a time", "another 'time'"]),
         ({"yaw": np.degrees(T)}, ["columns.ref_psi", "turns at 57.3 rad/s", "unit 'rad' right"]),
         ({"yaw": np.degrees(np.angle(np.exp(2.9j + 0.5j * T)))}, ["heading steps by 359 rad after", "'rad' right"]),
@@ -388,6 +393,18 @@ def test_a_recording_that_cannot_be_used_is_refused(tmp_path, change, words):
         import_log(source, ROBOT, mapped(WHEELS | POSE))
     for word in words:
         assert word in str(caught.value)
+
+
+@pytest.mark.parametrize("late", [[40], [40, 41, 42, 43], [1, 40, 100]])
+@pytest.mark.parametrize("by", [0.1, 0.13, 1e4])
+def test_a_few_readings_out_of_order_are_left_out_and_counted(tmp_path, late, by):
+    """By as much as an earlier reading's time, by less, and by a time that is far off."""
+    source = table(tmp_path / "run.csv", **(GOOD | {"t": T - np.where(np.isin(np.arange(101), late), by, 0.0)}))
+    imported = import_log(source, ROBOT, mapped(WHEELS))
+    np.testing.assert_allclose(imported.log.t, np.delete(T, late), atol=1e-9)
+    np.testing.assert_allclose(imported.log.wheel[:, 0], np.delete(ANGLE, late) * PER_RADIAN, atol=1e-9)
+    said = f"{len(late)} of 101 readings come after later ones and are left out"
+    assert [note for note in imported.notes if "of 101" in note] == [f"wheel_1l: {said}", f"wheel_1r: {said}"]
 
 
 def test_speeds_are_not_summed_over_a_gap(tmp_path):
