@@ -35,6 +35,8 @@ UNEQUAL = 5.0
 ROUNDEST = 10.0
 """Times the radius of gyration is larger or smaller than the distance of the wheels from the origin."""
 GRAVITY = 9.80665
+REFUSED = "until then environments and castor-bench drive refuse it, while logs of it can be read"
+"""What follows where a wheel carries no load."""
 
 Check = Callable[[RobotDescription], Iterator["Remark"]]
 _CHECKS: list[Check] = []
@@ -183,7 +185,7 @@ def _weight(robot: RobotDescription) -> Iterator[Remark]:
     try:
         wheel_loads(robot, GRAVITY)
     except InputError as error:
-        yield Remark("robot", str(error).partition(": ")[2])
+        yield Remark("robot", f"{str(error).partition(': ')[2]}; {REFUSED}")
     reach = max(math.hypot(*castor.pivot) + max(abs(w.lateral) for w in castor.wheels) for castor in robot.castors)
     gyration = math.sqrt(robot.inertia / robot.mass)
     if reach > 0 and not 1 / ROUNDEST <= gyration / reach <= ROUNDEST:

@@ -4,8 +4,11 @@ import dataclasses
 import math
 import re
 
+import gymnasium
 import pytest
 
+import castor_envs  # noqa: F401
+from castor_envs.errors import InputError
 from castor_envs.vehicles.plausibility import remarks
 from castor_envs.vehicles.presets import any_preset, cfmmr, preset, preset_names, train_names
 
@@ -56,6 +59,14 @@ OUTSIDE = (dataclasses.replace(ASOC, center_of_mass=(2.0, 0.0)), "robot", "would
 def test_a_slip_is_remarked_on_once_and_in_its_place(robot, where, what):
     (remark,) = [found for found in remarks(robot) if found.where == where]
     assert re.search(what, remark.what), remark.what
+
+
+def test_what_environments_refuse_is_said_to_be_refused_by_them():
+    (remark,) = remarks(OUTSIDE[0])
+    said, _, follows = remark.what.rpartition("; ")
+    assert follows == "until then environments and castor-bench drive refuse it, while logs of it can be read"
+    with pytest.raises(InputError, match=re.escape(said)):
+        gymnasium.make("castor/ASOC-v1", robot=OUTSIDE[0]).reset(seed=1)
 
 
 def test_all_pivots_at_a_point():
