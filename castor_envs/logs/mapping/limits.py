@@ -11,10 +11,10 @@ from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
 from castor_envs.logs.mapping.units import counts_in, kind_of
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.robot import Castor, RobotDescription
 
 TOO_FAST = 3.0
-"""How much faster than the robot file's limit a wheel may be before its unit is in doubt: limits are rough."""
+"""How much faster than by the robot file's limit a wheel or a castor may be before it is in doubt: limits are rough."""
 
 USUAL = 95
 """Percentile of the sizes of steps: few of them are a counter's faults."""
@@ -33,24 +33,28 @@ def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[s
         yield 'fix_x: the robot file has no "fixes", so that estimators do not use them; add them, with their noise'
     if log.gyro is not None and robot.gyro is None:
         yield 'gyro_z: the robot file has no "gyro", so that estimators do not use it; add one, with its "noise"'
-    yield from _still_notes(LogColumns.of(robot), by, log)
+    columns = LogColumns.of(robot)
+    yield from _still_notes(columns, by, log)
     steps = np.diff(log.t)
     period = float(np.median(steps))
     paces = np.maximum(steps, period)  # messages that were held up come all at once
-    for key, k, counts in zip(LogColumns.of(robot).wheel, robot.driven_wheels, log.wheel.T, strict=True):
+    for key, k, counts in zip(columns.wheel, robot.driven_wheels, log.wheel.T, strict=True):
         wheel = robot.wheels[k]
         turn = wheel.counts_per_rev or 1.0
-        usual = float(np.percentile(np.abs(np.diff(counts)) / paces, USUAL))
-        fast = usual * 2 * np.pi / turn
+        fast = _usual(counts, paces) * 2 * np.pi / turn
         if fast > TOO_FAST * robot.max_wheel_speed:
             yield (
                 f"{key}: turns at {fast:.3g} rad/s, the robot's limit is {robot.max_wheel_speed:g}: is its unit right, "
                 "and its counts_per_rev?"
             )
-        most = TOO_FAST * max(usual, robot.max_wheel_speed * turn / (2 * np.pi))
-        column = by.columns[key]
-        unit = counts_in(column.unit, turn, wheel.radius) * column.scale
-        yield from _jump_notes(key, column, log.t, counts / unit, np.maximum(most * paces, FEW) / unit)
+        most = robot.max_wheel_speed * turn / (2 * np.pi)
+        unit = counts_in(by.columns[key].unit, turn, wheel.radius)
+        yield from _jump_notes(key, by.columns[key], log.t, counts, paces, most, unit)
+    for key, i, counts in zip(columns.pivot, robot.pivot_encoders, log.pivot.T, strict=True):
+        turn = robot.castors[i].pivot_counts_per_rev or 1.0
+        most = _fastest_turn(robot, robot.castors[i]) * turn / (2 * np.pi)
+        unit = counts_in(by.columns[key].unit, turn)
+        yield from _jump_notes(key, by.columns[key], log.t, counts, paces, most, unit)
     if abs(period / robot.sample_period - 1) > 0.1:
         yield f"rows come every {period:.4g} s, the robot file's sample_period is {robot.sample_period:g} s: mend that"
 
@@ -65,13 +69,30 @@ def _still_notes(columns: LogColumns, by: ChannelMap, log: Log) -> Iterator[str]
             yield f"{key}: {by.columns[key].channel!r} never changes: is it the right channel?"
 
 
-def _jump_notes(key: str, column: Column, t: Array, value: Array, most: Array) -> Iterator[str]:
-    """Yield one note on steps of an encoder (K,) at times t (K,), s, that no wheel makes.
+def _usual(counts: Array, paces: Array) -> float:
+    """Return how many counts a second an encoder (K,) makes when it is fast; paces (K - 1,): s, between its rows."""
+    return float(np.percentile(np.abs(np.diff(counts)) / paces, USUAL))
 
-    most (K - 1,): the largest step that is none, as `value` in the channel's unit.
+
+def _fastest_turn(robot: RobotDescription, castor: Castor) -> float:
+    """Return how fast a castor turns at most about its pivot, rad/s: by its motor, or as the robot and its own wheels
+    move its axle."""
+    if castor.steering == "driven":
+        return robot.max_steering_speed
+    speed = robot.max_wheel_speed * max(wheel.radius for wheel in robot.wheels)
+    return speed / min(arm for arm in (castor.offset, *(abs(wheel.lateral) for wheel in castor.wheels)) if arm)
+
+
+def _jump_notes(
+    key: str, column: Column, t: Array, counts: Array, paces: Array, most: float, per_unit: float
+) -> Iterator[str]:
+    """Yield one note on steps of an encoder (K,) at times t (K,), s, that no wheel or castor makes.
+
+    paces (K - 1,): s, between rows. most: counts a second at the robot's limit. per_unit: counts in the channel's unit.
     """
-    steps = np.diff(value)
-    jumps = np.flatnonzero(np.abs(steps) > most)
+    steps = np.diff(counts)
+    jumps = np.flatnonzero(np.abs(steps) > np.maximum(TOO_FAST * max(_usual(counts, paces), most) * paces, FEW))
+    steps /= per_unit * column.scale
     if not len(jumps):
         return
     first = jumps[0]

@@ -1,4 +1,4 @@
-"""What a robot's wheels cannot have done is said of an import: counters that wrap, resets, wrong readings."""
+"""What wheels and castors cannot have done is said of an import: counters that wrap, resets, wrong readings."""
 
 import dataclasses
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from castor_envs.logs import ChannelMap, import_log
+from castor_envs.logs.columns import LogColumns
 from castor_envs.vehicles.presets import preset
 
 ROBOT = dataclasses.replace(preset("differential"), sample_period=0.02, max_wheel_speed=15.0)
@@ -74,3 +75,40 @@ def test_readings_that_were_held_up_and_gaps_are_no_jumps(tmp_path):
     assert notes(tmp_path, COUNTS, late) == []
     gap = np.where(T > 5, T + 1.0, T)
     assert notes(tmp_path, COUNTS + np.where(T > 5, np.round(4 * PER_RADIAN), 0), gap) == []
+
+
+POWERED = dataclasses.replace(preset("powered-caster"), sample_period=0.02)
+TURN = POWERED.castors[0].pivot_counts_per_rev or 0.0
+ANGLE = 6 * T + 2 * np.sin(3 * T)
+"""rad: a castor that goes round and round, at up to 12 rad/s."""
+
+
+def pivot_notes(folder, angle, unit="rad", **column):
+    """Return what is said of the first pivot with these readings; wheels and the others have those of a drive."""
+    columns = LogColumns.of(POWERED)
+    first, *others = columns.pivot
+    values = dict.fromkeys((*columns.wheel, *others), np.sin(T)) | {first: angle}
+    rows = (",".join(map(repr, row)) for row in zip(T.tolist(), *(v.tolist() for v in values.values()), strict=True))
+    (folder / "run.csv").write_text("\n".join([",".join(("t", *values)), *rows]) + "\n")
+    mapped = {key: {"channel": key, "unit": "rad"} for key in values}
+    mapped[first] |= {"unit": unit} | column
+    by = ChannelMap.from_dict({"format": "castor-map/1", "sources": {"main": {"time": "t"}}, "columns": mapped})
+    return [note for note in import_log(folder / "run.csv", POWERED, by).notes if note.startswith(f"{first}: ")]
+
+
+@pytest.mark.parametrize("angle", [ANGLE, ANGLE % (2 * np.pi), (ANGLE + np.pi) % (2 * np.pi) - np.pi, 0.1 * ANGLE])
+def test_a_castor_that_turns_round_and_round_makes_no_jumps(tmp_path, angle):
+    assert pivot_notes(tmp_path, angle) == []
+
+
+def test_a_pivots_reset_and_wrong_reading_are_said_and_where_it_wraps(tmp_path):
+    slow, reset = 0.3 * np.sin(T) + 1.5, ANGLE.copy()
+    slow[200] = 0.0
+    reset[300:] -= ANGLE[300]
+    (wrong,) = pivot_notes(tmp_path, slow)
+    assert f"jumps by {-slow[199]:.6g} rad after 3.980 s of the log, and 1 more: was it reset, or a read" in wrong
+    (said,) = pivot_notes(tmp_path, reset)
+    assert "after 5.980 s of the log: was it reset, or a reading wrong?" in said
+    counts = np.round(ANGLE / (2 * np.pi) * 4 * TURN) % (4 * TURN)  # of an encoder with more than the robot file says
+    (wraps,) = pivot_notes(tmp_path, counts, "counts")
+    assert f'does it wrap at {4 * TURN:.6g}? add "wraps_at": {4 * TURN:.6g} to the map' in wraps
