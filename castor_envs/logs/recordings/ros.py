@@ -2,7 +2,8 @@
 
 A channel is a topic and a number in its messages, such as ``/imu angular_velocity.z``:
 
-- of a message with a list of names, such as JointState: ``/joint_states position[left_wheel]``
+- of a message with a list of names, such as JointState: ``/joint_states position[left_wheel]``, in whatever order each
+  message has them; where names repeat or are blank, by the place: ``position[0]``
 - of a pose or a transform: ``.x``, ``.y`` and ``.heading``, its angle about z (rad), as in ``/odom pose.pose.heading``
 - of transforms: ``/tf odom>base_link.x``, each between the two frames that a message names; chains are not composed
 - of short arrays: ``/ticks data[0]``; covariances and arrays of more than `MOST` numbers are left out
@@ -23,6 +24,9 @@ from castor_envs.logs.recordings.recording import Clock, Reading, RecordingForma
 
 MOST = 32
 """Numbers of an array: drives with more wheels are not known, images and scans have more."""
+
+NAMES = ("name", "joint_names", "interface_names")
+"""Fields of messages with the names of the entries of their arrays."""
 
 OVERLAP = 10**9
 """ns by which parts of one bag may overlap: a recorder's threads write messages a little out of order."""
@@ -153,31 +157,39 @@ def _stamp(message: Any) -> int:
 
 def _stamped_numbers(message: Any) -> Iterator[tuple[int, str, float]]:
     """Yield the time (ns, 0 where there is none), the path and the value of each number in a message."""
-    transforms = [message] if hasattr(message, "child_frame_id") and hasattr(message, "transform") else None
-    for transform in getattr(message, "transforms", transforms) or ():
-        frames = f"{transform.header.frame_id.lstrip('/')}>{transform.child_frame_id.lstrip('/')}"
-        for path, value in _numbers(frames, transform.transform):
-            yield _stamp(transform), path, value
-    if transforms is None and not hasattr(message, "transforms"):
-        time, names = _stamp(message), getattr(message, "name", getattr(message, "joint_names", ()))
-        for field in _fields(message):
-            if field not in ("header", "name", "joint_names"):
-                for path, value in _numbers(field, getattr(message, field), names):
-                    yield time, path, value
+    transforms = [message, *getattr(message, "transforms", ())]
+    if stamped := [each for each in transforms if hasattr(each, "child_frame_id") and hasattr(each, "transform")]:
+        for transform in stamped:
+            frames = f"{transform.header.frame_id.lstrip('/')}>{transform.child_frame_id.lstrip('/')}"
+            for path, value in _numbers(frames, transform.transform):
+                yield _stamp(transform), path, value
+        return
+    time, names = _stamp(message), _names_in(message)
+    for field in _fields(message):
+        for path, value in _numbers(field, getattr(message, field), names):
+            yield time, path, value
 
 
 def _fields(message: Any) -> Iterable[str]:
-    return (field.name for field in dataclasses.fields(message) if not field.name.startswith("__"))
+    """Return the fields of a message that may hold numbers of a channel."""
+    names = (field.name for field in dataclasses.fields(message))
+    return (name for name in names if name not in ("header", *NAMES) and not name.startswith("__"))
 
 
-def _numbers(path: str, value: Any, names: Any = ()) -> Iterator[tuple[str, float]]:
+def _names_in(message: Any) -> Sequence[str]:
+    """Return the names that a message has for the entries of its arrays, none if they are not distinct."""
+    found = next((getattr(message, field) for field in NAMES if hasattr(message, field)), ())
+    return () if isinstance(found, str) or len({*found}) < len(found) else found
+
+
+def _numbers(path: str, value: Any, names: Sequence[str] = ()) -> Iterator[tuple[str, float]]:
     """Yield the numbers below a field; names: of the entries of its arrays, where the message has some."""
     if isinstance(value, bool | int | float | np.number):
         yield path, float(value)
     elif isinstance(value, np.ndarray | list | tuple):
         if len(value) > MOST or path.endswith("covariance"):
             return
-        labels = names if not isinstance(names, str) and len(names) == len(value) else range(len(value))
+        labels = names if len(names) == len(value) else range(len(value))
         for label, entry in zip(labels, value, strict=True):
             yield from _numbers(f"{path}[{label}]", entry, names)
     elif dataclasses.is_dataclass(value):
@@ -190,8 +202,9 @@ def _numbers(path: str, value: Any, names: Any = ()) -> Iterator[tuple[str, floa
         if all(hasattr(value, part) for part in "xyzw"):
             yield f"{path}.heading", _heading(value)
             return
+        inner = _names_in(value) or names
         for field in _fields(value):
-            yield from _numbers(f"{path}.{field}", getattr(value, field), names)
+            yield from _numbers(f"{path}.{field}", getattr(value, field), inner)
 
 
 def _heading(q: Any) -> float:

@@ -141,6 +141,47 @@ def test_joints_that_are_missing_in_some_messages_have_fewer_readings(tmp_path, 
     assert read(tmp_path / "run", "/joints position[right]")[0] == [0.0, 0.1, 0.2, 0.3]
 
 
+def test_numbers_have_the_names_in_their_own_message_in_whatever_order(tmp_path, bag_writer):
+    """Of joints, and of the interfaces of each joint, as ros2_control publishes them."""
+    values, states = "string[] interface_names\nfloat64[] values", "control_msgs/DynamicJointState"
+    joints = "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values"
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        w.store.register(get_types_from_msg(values, "control_msgs/msg/InterfaceValue"))
+        w.store.register(get_types_from_msg(joints, "control_msgs/msg/DynamicJointState"))
+        for k in range(4):
+            turned = slice(None, None, -1 if k % 2 else 1)
+            w.joints("/joints", START + k, START + k, **dict([("left", 1.0), ("right", 2.0)][turned]))
+            one, other = (
+                w.make("control_msgs/InterfaceValue", ["position", "velocity"][turned], np.array([a, b][turned]))
+                for a, b in ((1.0, 2.0), (3.0, 4.0))
+            )
+            names = ["left", "right"][turned]
+            w.put("/dynamic", states, START + k, w.header(START + k), names, [one, other][turned])
+    found = survey(open_recording(tmp_path / "run"), Clock("header"))
+    assert {name: (channel.low, channel.high) for name, channel in found.items() if channel.low} == {
+        "/joints position[left]": (1.0, 1.0),
+        "/joints position[right]": (2.0, 2.0),
+        "/dynamic interface_values[left].values[position]": (1.0, 1.0),
+        "/dynamic interface_values[left].values[velocity]": (2.0, 2.0),
+        "/dynamic interface_values[right].values[position]": (3.0, 3.0),
+        "/dynamic interface_values[right].values[velocity]": (4.0, 4.0),
+    }
+
+
+def test_joints_without_names_are_told_apart_by_their_places(tmp_path, bag_writer):
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        none = np.array([])
+        w.put("/joints", "sensor_msgs/JointState", START, w.header(START), ["", ""], np.array([1.0, 2.0]), none, none)
+    assert read(tmp_path / "run", "/joints position[1]") == ([0.0], [2.0])
+
+
+def test_transforms_without_frames_have_the_names_of_their_joints(tmp_path, bag_writer):
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        tf = w.make("geometry_msgs/Transform", w.make("geometry_msgs/Vector3", 1.5, 0.0, 0.0), w.quaternion(0.5))
+        w.put("/joints", "sensor_msgs/MultiDOFJointState", START, w.header(START), ["base"], [tf], [], [])
+    assert read(tmp_path / "run", "/joints transforms[base].x") == ([0.0], [1.5])
+
+
 def test_one_file_of_a_bag_is_read_without_its_folder(tmp_path, bag_writer):
     with bag_writer(tmp_path / "run", "mcap") as w:
         w.joints("/joints", START, START, left=2.0)
