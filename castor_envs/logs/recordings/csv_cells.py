@@ -47,7 +47,7 @@ def date(cell: str) -> int | None:
     if found is None:
         return None
     year, month, day = (found[part] or found[part.upper()] for part in "ymd")
-    hour = f"T{found['h']:0>2}{found['rest']}" if found["h"] else ""
+    hour = f"T{found['h']:0>2}{found['rest'].replace('UTC', 'Z').replace(' ', '')}" if found["h"] else ""
     try:
         read = datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}{hour}")
     except ValueError:

@@ -72,8 +72,9 @@ def test_delimiter_header_and_time_are_found(tmp_path, text):
 
 def test_dates_are_seconds_since_1970(tmp_path):
     """11017.5 days after it; without a zone as in UTC."""
+    zones = ("2000-03-01 12:00:00 UTC", "2000-03-01 14:00:00.0 +02:00")
     iso = ("2000-03-01T12:00:00", "2000-03-01T12:00:00Z", "2000-03-01T14:00:00+02:00")
-    for day in (*iso, "2000/03/01 12:00:00", "2000.3.1 12:00", "01.03.2000 12:00:00", "1.3.2000 12:00:00Z"):
+    for day in (*iso, "2000/03/01 12:00:00", "2000.3.1 12:00", "01.03.2000 12:00:00", "1.3.2000 12:00:00Z", *zones):
         path = written(tmp_path, f"timestamp,left\n{day},1\n2000-03-01T15:00:00Z,2\n")
         assert read(path, "left")[0] == (11017.5 * 86400, 1.0)
 
