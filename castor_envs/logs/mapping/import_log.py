@@ -126,7 +126,8 @@ def _clock(place: Source, recording: Recording) -> Clock:
 
 
 def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: int, notes: list[str]) -> Track:
-    """Return a column's readings in the channel's unit, sign and scale applied; headings of quaternions in rad."""
+    """Return a column's readings in the channel's unit, sign and scale applied; headings of quaternions in rad, and the
+    sums of increments."""
     column, first = by.columns[key], series[0]
     times, values = np.asarray(first.time, dtype=np.int64), np.asarray(first.value, dtype=float)
     if len(series) == 4:
@@ -134,6 +135,8 @@ def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: in
             raise InputError(f"{where}: the four channels are not read at the same times; take them from one message")
         values = np.array([heading_of(*q) for q in zip(*(other.value for other in series), strict=True)])
         times, values = times[np.isfinite(values)], values[np.isfinite(values)]
+    if kind_of(column.unit) == "increment":  # summed with those that are left out; that of the first came before it
+        values = np.append(0.0, np.cumsum(values[1:]))
     track, left_out = Track.of(where, times - begin, values, first.held)
     missing = max(other.missing for other in series)
     for what, count in (left_out | {"are no finite numbers": missing}).items():
@@ -157,7 +160,7 @@ def _counts(
     for key, k in zip(columns.wheel, robot.driven_wheels, strict=True):
         wheel, column, track = robot.wheels[k], by.columns[key], tracks[key]
         kind = kind_of(column.unit)
-        track = track.integrated() if kind == "speed" else track.added_up() if kind == "increment" else track
+        track = track.integrated() if kind == "speed" else track
         track = track.scaled(counts_in(column.unit, wheel.counts_per_rev or 1.0, wheel.radius))
         found[key] = track.whole() if kind == "position" else track
     for key, i in zip(columns.pivot, robot.pivot_encoders, strict=True):

@@ -71,10 +71,6 @@ class Track:
         rounded = np.round(apart)
         return replace(self, value=np.round(first) + rounded) if np.all(np.abs(apart - rounded) <= WHOLE) else self
 
-    def added_up(self) -> Self:
-        """Return the sums of increments; that of the first reading came before it."""
-        return replace(self, value=np.append(0.0, np.cumsum(self.value[1:])))
-
     def integrated(self) -> Self:
         """Return the integral of rates over time: by the trapezoid rule, or of held values.
 

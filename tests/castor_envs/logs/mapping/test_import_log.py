@@ -407,6 +407,16 @@ def test_a_few_readings_out_of_order_are_left_out_and_counted(tmp_path, late, by
     assert [note for note in imported.notes if "of 101" in note] == [f"wheel_1l: {said}", f"wheel_1r: {said}"]
 
 
+def test_increments_that_are_left_out_are_summed_all_the_same(tmp_path):
+    """Of readings that repeat a time, and that come after later ones, the wheel has still turned by them."""
+    step = np.diff(ANGLE, prepend=0.0)
+    t = T - np.where(np.isin(np.arange(101), [30, 31]), 0.05, 0.0) - np.where(np.arange(101) == 60, 0.02, 0.0)
+    source = table(tmp_path / "run.csv", t=t, wheel_1l=step, wheel_1r=step)
+    log = import_log(source, ROBOT, mapped({key: {"unit": "rad/row"} for key in WHEELS})).log
+    assert len(log) == 98
+    np.testing.assert_allclose(log.wheel[:, 0], np.delete(ANGLE, [30, 31, 60]) * PER_RADIAN, atol=1e-9)
+
+
 def test_speeds_are_not_summed_over_a_gap(tmp_path):
     gone = (T < 0.5) | (T > 1.2)
     source = table(tmp_path / "run.csv", t=T[gone], wheel_1l=ANGLE[gone], wheel_1r=ANGLE[gone])
