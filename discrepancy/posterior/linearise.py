@@ -50,6 +50,10 @@ ROUNDED = 12**-0.5
 """Backlash, in counts, that an encoder in good order seems to have: a rounded reading stands still, too, while its
 shaft turns within a count."""
 
+ROUNDING = 1e-9
+"""Parts of `COUNTS` or `SLIP`, rms, that a candidate changes by less per unit if it changes nothing but for rounding, as
+what depends on speed does at constant speed."""
+
 SWAY = 2e-4
 """s2: how much a reference in good order is off in proportion to acceleration: as a mast of 11 Hz."""
 
@@ -309,7 +313,8 @@ def _usual(design: DesignMatrix) -> Array:
     read = np.sqrt(_mean_of_largest_squares(design.made.readings)) / COUNTS
     slipped = np.sqrt(_mean_of_largest_squares(design.made.slips)) / (SLIP * rolled + 1e-12)
     shown = np.maximum(read, slipped)
-    return np.concatenate([np.full(len(design.steps), np.nan), 1 / np.maximum(shown, 1e-30)])
+    shown = np.where(shown > ROUNDING, shown, 1.0)
+    return np.concatenate([np.full(len(design.steps), np.nan), 1 / shown])
 
 
 def _mean_of_largest_squares(columns: SparseColumns) -> Array:

@@ -297,3 +297,13 @@ def test_a_fault_that_no_signature_shows_is_named(fault):
     assert (answer.verdict, len(answer.credible), answer.unnamed) == ("named", 1, False)
     assert type(answer.effect) is type(fault)
     assert answer.effect.value == pytest.approx(fault.value, rel=0.01)
+
+
+def test_a_straight_drive_at_constant_speed_is_no_discrepancy():
+    """Nothing depends on a speed that never changes, but for rounding, of which no size of any effect makes more."""
+    robot, t = preset("swerve"), 0.05 * np.arange(601)
+    x = 0.225 * t
+    counts = [x / wheel.radius * wheel.counts_per_rev / (2 * np.pi) for wheel in robot.wheels]
+    pose = np.column_stack([x, 0 * x, 0 * x])
+    found = diagnose(robot, [Log(t, np.round(np.column_stack(counts)), np.zeros((601, 4)), reference=pose)])
+    assert (found.verdict, found.answers) == ("no discrepancy", ())
