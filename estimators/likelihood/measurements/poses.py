@@ -135,11 +135,13 @@ class ReferencePoses:
         taken = self._t[at] + part[:, 0] * (self._t[at + 1] - self._t[at])
         taken = np.clip(taken, self._t[0] + 2 * apart, max(self._t[-1] - 2 * apart, self._t[0] + 2 * apart))
         tracked = compose(state[:, :3], mount)[:, :2]
-        outer, inner = (
-            sum(np.column_stack([np.interp(taken + by, self._t, axis) for axis in tracked.T]) for by in (-away, away))
-            for away in (2 * apart, apart)
-        )
-        return (outer - inner) / (3 * apart**2)
+
+        def around(by: float) -> Array:
+            return np.column_stack(
+                [np.interp(taken - by, self._t, x) + np.interp(taken + by, self._t, x) for x in tracked.T]
+            )
+
+        return (around(2 * apart) - around(apart)) / (3 * apart**2)
 
     def steps_of(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the sample after which each of these samples' pose was taken, and the part (k, 1) of the step up to
