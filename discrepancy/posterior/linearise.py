@@ -51,8 +51,8 @@ ROUNDED = 12**-0.5
 shaft turns within a count."""
 
 ROUNDING = 1e-9
-"""Parts of `COUNTS` or `SLIP`, rms, that a candidate changes by less per unit if it changes nothing but for rounding, as
-what depends on speed does at constant speed."""
+"""What changes less per unit, in parts of `COUNTS` or `SLIP`, rms, is rounding, as what depends on speed at constant
+speed."""
 
 SWAY = 2e-4
 """s2: how much a reference in good order is off in proportion to acceleration: as a mast of 11 Hz."""

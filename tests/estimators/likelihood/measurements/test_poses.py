@@ -28,6 +28,16 @@ def test_on_a_circle_the_tracked_point_accelerates_toward_the_centre():
     assert found[inside] == pytest.approx(-(RATE**2) * from_centre[inside], rel=(RATE * SWINGING) ** 2, abs=1e-4)
 
 
+def test_acceleration_does_not_depend_on_the_samples_next_to_the_pose():
+    """Where encoders are read early or late, the path is off there, and so would be the acceleration."""
+    poses, moved = reference(CIRCLE), CIRCLE.astype(np.float64)
+    before = poses.accelerations(moved, np.zeros(2), MOUNT)
+    inside = slice(1, -1)
+    for by in (-1, 0, 1):
+        moved[poses.used[inside] + by, :2] += 0.02
+    np.testing.assert_allclose(poses.accelerations(moved, np.zeros(2), MOUNT)[inside], before[inside], atol=1e-9)
+
+
 def test_poses_that_sway_are_off_in_proportion():
     random = np.random.default_rng(4)
     state = np.column_stack([CIRCLE + 0.01 * random.normal(size=CIRCLE.shape), np.zeros(len(T))])
