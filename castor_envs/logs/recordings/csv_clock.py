@@ -29,7 +29,7 @@ IN_ORDER = 9
 
 _NAMED = re.compile(
     r"(?:(?:.*[\s_./%#-])?(?:t|ts|time|times|timestamps?|stamp|tstamp|secs?|seconds|millis|micros|nanos|epoch|elapsed|"
-    r"uptime)(?:[\s_\[(/-].*)?|(?:[num]s(?:ecs?)?|(?:milli|micro|nano)sec(?:ond)?s))",
+    r"uptime)(?:[\s_\[(/-].*)?|(?:[num]s(?:ecs?)?|(?:milli|micro|nano)se(?:c|cond)s))",
     re.IGNORECASE,
 )
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
