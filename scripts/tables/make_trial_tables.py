@@ -19,6 +19,7 @@ FORMAT = "castor-trial-figures/1"
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "trials.json"
 START, END = "<!-- table: made by scripts/tables/make_trial_tables.py -->\n", "<!-- end of table -->\n"
+GENERATORS = ("pymunk", "mujoco", "bullet")
 OF_TRAINS = "<!-- table of trains: made by scripts/tables/make_trial_tables.py -->\n"
 
 Figures = dict[str, Any]
@@ -35,10 +36,8 @@ def figures_of(folders: list[Path]) -> Figures:
 
 def robots_table(figures: Figures) -> str:
     """Return the table of all rates: a column for the newest trial of each simulator, and one for all of its trials."""
-    generators: dict[str, list[Figures]] = {}
-    for trial in figures["trials"]:
-        if not _of_train(trial):
-            generators.setdefault(trial["plan"]["generator"], []).append(trial)
+    robots = [trial for trial in figures["trials"] if not _of_train(trial)]
+    generators = {name: [trial for trial in robots if trial["plan"]["generator"] == name] for name in GENERATORS}
     newest = [trials[:1] for trials in generators.values()]
     heads = [
         f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases" for (trial,) in newest
