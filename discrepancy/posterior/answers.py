@@ -196,7 +196,7 @@ class Answer:
             candidate=candidate,
             amplitudes=np.array([size]),
             covariance=np.array([[error**2]]),
-            cost=cost / size,
+            cost=cost / size if size else cost,
             confirmed=confirmed,
         )
 

@@ -51,8 +51,8 @@ ROUNDED = 12**-0.5
 shaft turns within a count."""
 
 ROUNDING = 1e-9
-"""What changes less per unit, in parts of `COUNTS` or `SLIP`, rms, is rounding, as what depends on speed at constant
-speed."""
+"""A candidate that changes readings and slips by less than this part of `COUNTS` or `SLIP` per unit, rms, shows nothing
+but rounding, as one that depends on speed does at constant speed."""
 
 SWAY = 2e-4
 """s2: how much a reference in good order is off in proportion to acceleration: as a mast of 11 Hz."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from castor_envs.effects.dimensions import AllWheelRadius, Track, WheelRadius
 from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, GaugeDrift, GaugeGain
@@ -142,15 +143,16 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Candidat
     way = np.sqrt(np.mean(log.signed_travel**2))
 
     def add(
-        family: str, alike: str, time: str, kind: str, width: int, at: int | slice, course: Array, usual: float
+        family: str, alike: str, time: str, kind: str, width: int, at: int | slice, course: Array, usual: ArrayLike
     ) -> None:
         change = np.zeros((len(course), width))
         change[:, at] = -course
         if kind.startswith("gauges"):
             change *= log.read[:, int(kind.removeprefix("gauges")), None]
-        usual /= max(float(np.sqrt(np.mean(np.sum(change**2, axis=1)))), 1e-12)
-        term = Term(number, kind, change)
-        found.append(Candidate(f"{family} {time}", family, alike, term=term, usual=usual))
+        shown = np.sqrt(np.mean(change**2, axis=0))
+        if shown.any():
+            size = float(np.min(np.broadcast_to(usual, width)[shown > 0] / shown[shown > 0]))
+            found.append(Candidate(f"{family} {time}", family, alike, term=Term(number, kind, change), usual=size))
 
     def count(w: int, how: str, when: str, course: Array) -> None:
         alike = f"counts otherwise{how}"
@@ -182,7 +184,7 @@ def rivals(train: TrainDescription, log: TrainLog, number: int) -> list[Candidat
         if log.read[:, f].any():
             rate, late = np.gradient(log.smoothed(train.as_built(), f), t, axis=0), "reads late"
             sensor_late = f"frame {frame}'s sensor {late}"
-            add(sensor_late, late, f"in {name}", f"gauges{f}", 3, slice(None), -rate, ROUGH[2])
+            add(sensor_late, late, f"in {name}", f"gauges{f}", 3, slice(None), -rate, ROUGH)
     ways = np.concatenate([np.zeros((1, log.n)), np.cumsum(log.signed_travel, axis=0)])
     speed = np.abs(np.gradient(ways, t, axis=0))
     for w in wheels:

@@ -32,8 +32,9 @@ class Linearised:
 
     cost (2, P): error of the train's localisation by counts and relative poses per unit of each candidate that is
     ignored: m after 10 m, rad after a turn. fit: motions about which equations are linearised, and sizes of noise.
-    localised: the sizes of noise with which the train is localised for `gap`; None: those of `fit`. Descriptions are
-    compared with the same: beside larger noise of a sensor localisation relies on others, which changes its error, too.
+    localised: the sizes of noise with which the train is localised for `gap`; None: those of `fit`. Where two
+    descriptions are compared, both have the same: beside larger noise of a sensor localisation relies on others, which
+    changes its error, too.
     redundant: axles are seen by posture sensors, so encoders can contradict each other. lasting: of trains only single
     logs were compared.
     """
@@ -83,9 +84,9 @@ class Linearised:
             blind = fit_states(self.train, counts, self.fit, self.localised or self.fit.sizes)
         except InputError:
             return None
-        for log, motion, localised in zip(self.train_logs, self.fit.motions, blind.motions, strict=True):
+        for log, motion, by_counts in zip(self.train_logs, self.fit.motions, blind.motions, strict=True):
             if len(log.at):
-                left = log.residuals(built, replace(motion, pose=_carried(localised.pose, motion, log.t)))
+                left = log.residuals(built, replace(motion, pose=_carried(by_counts.pose, motion, log.t)))
                 poses.append(np.concatenate([left["position"], left["heading"][..., None]], axis=-1).reshape(-1, 3))
         pose = np.concatenate(poses)
         return (_rms(pose[:, :2]), _rms(pose[:, 2:])) if len(pose) else None

@@ -48,8 +48,8 @@ def diagnose_train(
     named, seen, posterior, answers = _named(train, first, good)
     jackknifed = _jackknifed(seen)
     if jackknifed is not None:
-        answers = judged([jackknifed], (), None, None, material)
-        return Diagnosis(train, verdict_of(answers), answers, {}, first, first, None)
+        answers = judged([jackknifed], (), None, None, Material(0.0, 0.0))  # it matters, whatever it costs
+        return Diagnosis(train, verdict_of(answers), answers, {}, first, seen, None)
     held, order = None, None
     if held_out:
         among = _of_trains([effect.candidate for effect in named])

@@ -64,7 +64,7 @@ def attached(od: ArrayLike, relative: ArrayLike) -> Array:
 
 def corrected(od: ArrayLike, relative: ArrayLike, axle: ArrayLike) -> Array:
     """Return the poses (..., N, 3) of the relative poses made global by one axle (...), from 0: `attached` for that
-    axle alone."""
+    axle alone. All have the same leading axes. Raises InputError for other shapes."""
     od, relative = _checked(od, relative)
     shape, axle = chain(relative), np.asarray(axle)[..., None, None]
     trusted, seen_from = (np.take_along_axis(poses, axle, axis=-2) for poses in (od, shape))

@@ -53,7 +53,9 @@ def trains_table(figures: Figures) -> str:
     """Return the table of trains: a column for each trial, and one for all; without rates of what no trial has."""
     trials = [trial for trial in figures["trials"] if _of_train(trial)]
     heads = [f"{trial['plan']['robots'][0]}, seed {trial['plan']['seed']}, {trial['judged']} cases" for trial in trials]
-    table = _table([*heads, "all"], [*([trial] for trial in trials), trials])
+    table = _table(
+        [*heads, f"all, {sum(trial['judged'] for trial in trials)} cases"], [*([trial] for trial in trials), trials]
+    )
     empty = f"{' | '.join(['-'] * (len(trials) + 1))} |"
     return "".join(row for row in table.splitlines(keepends=True) if not row.endswith(f"| {empty}\n"))
 

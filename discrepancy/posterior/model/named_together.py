@@ -333,15 +333,15 @@ def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], l
 
 
 def _posterior(
-    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, in_model: Array, far: Array | float = 0.0
+    hypotheses: Sequence[Hypothesis], order: GoodOrder, seen: Seen, in_model: Array, far: Array | None = None
 ) -> tuple[SingleEffects, Posterior, Array]:
     """Return the posterior of hypotheses beyond what robots in good order show, and the score that it comes from.
 
-    in_model: sizes in the model already. far: expected sizes beyond these (m,), 0 for none: both determine the error of
-    signatures (`Statistics.doubted`).
+    in_model: sizes in the model already (m,). far: sizes beyond these that are expected (m,), if any: the error of
+    signatures depends on both (`Statistics.doubted`).
     """
     logs = agreeing([log.at(-in_model) for log in seen.logs], seen.lasting)
-    logs = [log.doubted(far + 0 * in_model, in_model) for log in logs]
+    logs = [log.doubted(np.zeros_like(in_model) if far is None else far, in_model) for log in logs]
     beyond = order.beyond(logs)
     single = SingleEffects(hypotheses, beyond.information)
     return single, single.posterior(beyond.score), beyond.score

@@ -34,8 +34,8 @@ CLOCK = np.array([1.0, 0.05])
 """s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
 
 SWINGING = 0.1
-"""s: half of the time before and after a pose from which the acceleration of the tracked point is taken: less is noise
-of counts, and in more a robot starts and stops."""
+"""s: the acceleration of the tracked point comes from the path once and twice so long before and after a pose, or two
+and four samples if that is longer: less is noise of counts, and in more a robot starts and stops."""
 
 RATE_KNOWN = 1e-6
 """s/s: standard deviation of a known rate."""
@@ -128,12 +128,15 @@ class ReferencePoses:
         """Return the accelerations (k, 2) of the tracked point where poses in use were taken, m/s2.
 
         They come from samples around a pose and not from those next to it, with whose errors, of when they were read,
-        the pose's own would be in proportion.
+        the pose's own would be in proportion; at the log's ends those of the nearest pose that has such samples. 0 in
+        logs that are too short.
         """
         at, part, _ = self._shown(clock)
         apart = max(SWINGING, 2 * float(np.median(np.diff(self._t))))
         taken = self._t[at] + part[:, 0] * (self._t[at + 1] - self._t[at])
-        taken = np.clip(taken, self._t[0] + 2 * apart, max(self._t[-1] - 2 * apart, self._t[0] + 2 * apart))
+        if self._t[-1] - self._t[0] <= 4 * apart:
+            return np.zeros((len(taken), 2))
+        taken = np.clip(taken, self._t[0] + 2 * apart, self._t[-1] - 2 * apart)
         tracked = compose(state[:, :3], mount)[:, :2]
 
         def around(by: float) -> Array:

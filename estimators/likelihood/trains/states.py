@@ -260,8 +260,8 @@ def sliding_in(
 
 
 def always_sliding(train: TrainDescription, logs: Sequence[TrainLog], motions: Sequence[Motion]) -> list[int]:
-    """Return the axles, from 1, that seem to slide all the time of a log, by these motions of a train with its
-    effects."""
+    """Return the axles, from 1, that seem to slide in more than the part `OFTEN` of a log's steps, by these motions of
+    a train with its effects."""
     built = train.as_built()
     often = [log.sliding(built, motion).mean(axis=0) > OFTEN for log, motion in zip(logs, motions, strict=True)]
     return (np.flatnonzero(np.any(often, axis=0)) + 1).tolist()

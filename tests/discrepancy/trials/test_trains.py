@@ -84,7 +84,6 @@ def test_the_finder_gets_only_logs_and_the_nominal_train(folder):
     assert one["hidden"][0]["class"] == draw(1, 5, TRAIN).hidden[0].what
     assert one["log"]["cost"][0] > 0
     assert 0 < one["log"]["z_sep"][0] < one["log"]["z"][0]
-    assert one["log"]["nearest"] != [one["hidden"][0]["class"]]
     assert (clean["stratum"], clean["hidden"], clean["log"]["cost"]) == ("clean", [], [])
 
 
