@@ -10,7 +10,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
-from castor_envs.logs.mapping.units import counts_in, kind_of
+from castor_envs.logs.mapping.units import TURN, counts_in, kind_of
 from castor_envs.vehicles.robot import Castor, RobotDescription
 
 TOO_FAST = 3.0
@@ -22,13 +22,13 @@ USUAL = 95
 FEW = 3.0
 """Counts that are no jump, however short the time between rows."""
 
-TURN = {"rev": 1.0, "deg": 360.0, "rad": 2 * math.pi}
 LEAST_BITS = 8
 """Of a counter: those of drives and of microcontrollers have 8, 12, 16, 32 bits."""
 
 
 def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[str]:
-    """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro that it lacks."""
+    """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro or fixes that it
+    lacks, encoders that stand, and jumps that no wheel and no castor makes."""
     if log.fix is not None and robot.fixes is None:
         yield 'fix_x: the robot file has no "fixes", so that estimators do not use them; add them, with their noise'
     if log.gyro is not None and robot.gyro is None:
@@ -103,7 +103,8 @@ def _jump_notes(
     if period is None:
         yield f"{said}: was it reset, or a reading wrong? cut the recording there, or blank the reading"
     else:
-        yield f'{said}: does it wrap at {period:.6g}? add "wraps_at": {period:.6g} to the map'
+        wrap = f"{period:.12g}" if column.unit in TURN else f"{period:.0f}"
+        yield f'{said}: does it wrap at {wrap}? add "wraps_at": {wrap} to the map'
 
 
 def _period(jump: float, around: float, column: Column) -> float | None:

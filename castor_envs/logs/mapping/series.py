@@ -38,8 +38,8 @@ class Track:
     def of(cls, where: str, times: Numbers, values: Numbers, held: bool) -> tuple[Self, dict[str, int]]:
         """Return the track of readings at times, ns since the log's first row, and by reasons how many are left out.
 
-        Those are left out that come at a time not after the last one. Raises InputError for a clock that goes back, or
-        stands still in most readings.
+        Those are left out whose time is not after the latest before them. Raises InputError for a clock that goes back,
+        or stands still in most readings.
         """
         latest = np.maximum.accumulate(times)
         new, late = np.append(True, np.diff(latest) > 0), times < latest

@@ -12,6 +12,9 @@ ref_psi         rad, deg, quaternion; so is fix_psi
 import math
 
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+TURN = {"rev": 1.0, "deg": 360.0, "rad": 2 * math.pi}
+"""A whole turn in units of an angle."""
+
 ANGLES = ("counts", "rev", "deg", "rad")
 GYRO_ANGLES = ("rad", "deg", "rev")
 RATE, ROW = "/s", "/row"
@@ -47,7 +50,7 @@ def counts_in(unit: str, counts_per_rev: float, radius: float | None = None) -> 
     angle = unit.removesuffix(RATE).removesuffix(ROW)
     if angle == "counts":
         return 1.0
-    turn = {"rev": 1.0, "deg": 360.0, "rad": 2 * math.pi} | ({} if radius is None else {"m": 2 * math.pi * radius})
+    turn = TURN | ({} if radius is None else {"m": 2 * math.pi * radius})
     return counts_per_rev / turn[angle]
 
 
