@@ -7,7 +7,7 @@ whole seconds and of nanoseconds as of ROS, ``stamp.sec + stamp.nanosec``, or of
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -35,8 +35,10 @@ _NAMED = re.compile(
 _HUMP = re.compile(r"(?<=[a-z])(?=[A-Z])")
 """Where a word begins in a name such as ``elapsedTime``."""
 
-_SECONDS = re.compile(r"(.*[\s_./])?secs?", re.IGNORECASE)
-_NANOSECONDS = re.compile(r"(.*[\s_./])?n(?:ano)?secs?", re.IGNORECASE)
+_OF_PAIRS = [re.compile(rf"(.*[\s_./])?{part}", re.IGNORECASE) for part in ("secs?", "n(?:ano)?secs?")]
+"""Names of whole seconds, and of the nanoseconds beside them."""
+
+_DIGIT = re.compile(r"\d")
 _WITH_UNIT = re.compile(r"[\[(](s|secs?|ms|us|µs|ns)[\])]", re.IGNORECASE)
 
 _UNIT_SAID: dict[TimeUnit, str] = {
@@ -50,30 +52,30 @@ _UNIT_SAID: dict[TimeUnit, str] = {
 def clock_of(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Clock:
     """Return the clock of a table with columns of these names, whose first rows these are.
 
-    It is the first column that is called like a time and goes ahead, or holds dates or times of day; of none, the only
-    one that always increases, or of several the only one with a unit of time in its name; or else one row a second. Of
-    seconds beside nanoseconds it is both, and of times of day beside dates.
+    It is the sum of whole seconds and of the nanoseconds beside them; or else the first column that is called like a
+    time, or holds dates or times of day, and goes ahead; of none, the only one that always increases, or of several the
+    only one with a unit of time in its name; then a column called like a time that does not go ahead; or else one row a
+    second, and so it is where a column called like a time holds text such as ``12:00:01 PM``. Of times of day beside
+    dates it is both.
     """
+    for sec, nanosec in _pairs(names):
+        if (times := _sums(rows, sec, nanosec)) and _goes_ahead(times):
+            return Clock(names[sec] + PLUS + names[nanosec])
     columns = [[cell for cell in cells if moment(cell) is not None] for cells in zip(*rows, strict=True)]
-    known = [k for k, cells in enumerate(columns) if cells]
-    called = [k for k in known if _NAMED.fullmatch(_HUMP.sub("_", names[k])) and not is_day(columns[k][0])]
-    written = [k for k in known if not is_number(columns[k][0]) and not is_day(columns[k][0])]
-    at = next((k for k in called if _goes_ahead(columns[k])), None)
-    at = next(iter((*written, *called)), None) if at is None else at
+    known = [k for k, cells in enumerate(columns) if cells and not is_day(cells[0])]
+    like = [k for k, name in enumerate(names) if _NAMED.fullmatch(_HUMP.sub("_", name))]
+    called = [k for k in known if k in like]
+    written = [k for k in known if not is_number(columns[k][0])]
+    at = next((k for k in (*called, *written) if _goes_ahead(_moments(columns[k]))), None)
+    if at is None and any(not columns[k] and any(map(_DIGIT.search, (row[k] for row in rows))) for k in like):
+        return Clock(period=1.0)  # the time is there, and what increases is something else
     if at is None:
-        rising = [k for k, cells in enumerate(zip(*rows, strict=True)) if _rises(cells)]
-        if len(rising) > 1:
-            rising = [k for k in rising if _WITH_UNIT.search(names[k])]
-        if len(rising) != 1:
-            return Clock(period=1.0)
-        (at,) = rising
-    days = next((k for k in known if is_day(columns[k][0])), None)
+        at = next(iter((*_rising(names, rows), *written, *called)), None)
+    if at is None:
+        return Clock(period=1.0)
+    days = next((k for k, cells in enumerate(columns) if cells and is_day(cells[0])), None)
     if days is not None and time_of_day(columns[at][0]) is not None:
         return Clock(names[days] + PLUS + names[at])
-    if seconds := _SECONDS.fullmatch(names[at]):
-        for rest in filter(None, map(_NANOSECONDS.fullmatch, names)):
-            if rest[1] == seconds[1]:
-                return Clock(names[at] + PLUS + rest[0])
     return Clock(names[at], _unit(names[at], np.array([float(cell) for cell in columns[at] if is_number(cell)])))
 
 
@@ -110,10 +112,38 @@ class RowTimes:
         return nanoseconds(number(self._path, line.number, name, cell), unit, f"{self._path}:{line.number}")
 
 
-def _goes_ahead(cells: Sequence[str]) -> bool:
+def _pairs(names: Sequence[str]) -> Iterator[tuple[int, int]]:
+    """Yield the places of columns of seconds and of nanoseconds whose names begin alike, in whatever order."""
+    seconds, nanoseconds = ([(k, pattern.fullmatch(name)) for k, name in enumerate(names)] for pattern in _OF_PAIRS)
+    yield from ((k, other) for k, sec in seconds for other, rest in nanoseconds if sec and rest and sec[1] == rest[1])
+
+
+def _sums(rows: Sequence[Sequence[str]], sec: int, nanosec: int) -> list[float]:
+    """Return seconds and nanoseconds together, s, of the rows that have both."""
+    parts = ((value_of(row[sec]), value_of(row[nanosec])) for row in rows)
+    return [s + ns / 1e9 for s, ns in parts if s is not None and ns is not None]
+
+
+def _moments(cells: Sequence[str]) -> list[float]:
+    """Return times as numbers, of dates and of times of day in ns; times of day go on past midnight."""
+    times = np.array([moment(cell) or 0.0 for cell in cells])
+    if cells and all(time_of_day(cell) is not None for cell in cells):
+        times = np.unwrap(times, period=DAY)
+    return times.tolist()
+
+
+def _goes_ahead(times: Sequence[float]) -> bool:
     """Return whether times go ahead nearly always; or there is one alone."""
-    steps = np.diff([moment(cell) or 0.0 for cell in cells])
+    steps = np.diff(times)
     return not len(steps) or bool(np.sum(steps > 0) > IN_ORDER * np.sum(steps < 0))
+
+
+def _rising(names: Sequence[str], rows: Sequence[Sequence[str]]) -> list[int]:
+    """Return the only column that always increases, or of several the only one with a unit of time; none elsewhere."""
+    rising = [k for k, cells in enumerate(zip(*rows, strict=True)) if _rises(cells)]
+    if len(rising) > 1:
+        rising = [k for k in rising if _WITH_UNIT.search(names[k])]
+    return rising if len(rising) == 1 else []
 
 
 def _rises(cells: Sequence[str]) -> bool:

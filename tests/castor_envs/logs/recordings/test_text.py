@@ -177,12 +177,50 @@ def test_times_of_day_go_on_past_each_midnight_and_a_late_row_stays_late(tmp_pat
     assert [round(t - 86400, 3) for t, _ in read(path, "left")] == [-0.1, 0.1, -0.05, 0.2, 43200, 64800, 86400]
 
 
-def test_what_is_no_time_of_day_and_no_date_is_text(tmp_path):
+def test_what_is_no_time_of_day_and_no_date_is_text_and_what_increases_beside_it_no_clock(tmp_path):
     """Dates with slashes and the year last have their month first or second, by country."""
-    for cell in ("12:60:00", "12:00", "05/01/2024 12:00:00", "2024/13/01 12:00:00", "31.04.2024", "1.2.3"):
-        path = written(tmp_path, f"stamp,left\n{cell},1\n{cell},2\n")
+    odd = (
+        "12:60:0{}",
+        "12:0{}",
+        "05/01/2024 12:00:0{}",
+        "2024/13/01 12:00:0{}",
+        "3{}.04.2024 x",
+        "1.2.{}",
+        "12:00:0{} PM",
+    )
+    for cell in odd:
+        path = written(tmp_path, "stamp,left\n" + "".join(f"{cell.format(k)},{3 * k}\n" for k in range(1, 5)))
         assert open_recording(path).clock() == Clock(period=1.0)
         assert survey(open_recording(path), Clock(period=1.0)).keys() == {"left"}
+    path = written(tmp_path, "time source,Zeit\n" + "".join(f"GPS,{0.1 * k}\n" for k in range(5)))
+    assert open_recording(path).clock() == Clock("Zeit")
+
+
+@pytest.mark.parametrize(
+    ("names", "cells", "time"),
+    [
+        ("Zeit,cycle_time,left", "{k},20,{turned}", "Zeit"),
+        ("Zeit,motor_t,left", "{k},{turned},{turned}", "Zeit"),
+        ("cycle_time,left", "20,{turned}", "cycle_time"),
+        ("Zeit,build,left", "{k},2024-05-01,{turned}", "Zeit"),
+        ("built,Zeit,left", "2024-05-01 12:00:00,{k},{turned}", "Zeit"),
+        ("cycle_time,t,left", "20,{k},{k}", "t"),
+    ],
+)
+def test_a_name_of_time_that_does_not_go_ahead_comes_after_what_alone_increases(tmp_path, names, cells, time):
+    rows = "".join(cells.format(k=k, turned=7 * k % 5) + "\n" for k in range(20))
+    assert open_recording(written(tmp_path, f"{names}\n{rows}")).clock().time == time
+
+
+@pytest.mark.parametrize("rate", [50, 2000])
+@pytest.mark.parametrize("names", ["stamp_sec,stamp_nsec", "stamp_nsec,stamp_sec", "stamp_sec,seq,stamp_nsec"])
+def test_seconds_and_nanoseconds_are_one_clock_in_any_order_and_at_any_rate(tmp_path, names, rate):
+    def row(k):
+        sec, nsec = divmod(1_700_000_000 * 10**9 + 300_000_000 + k * 10**9 // rate, 10**9)
+        return ",".join(str({"stamp_sec": sec, "stamp_nsec": nsec, "seq": k}[name]) for name in names.split(","))
+
+    path = written(tmp_path, f"{names},left\n" + "".join(f"{row(k)},{k}\n" for k in range(1200)))
+    assert open_recording(path).clock() == Clock("stamp_sec + stamp_nsec")
 
 
 def test_of_columns_that_increase_the_one_with_a_unit_of_time_is_the_clock(tmp_path):
