@@ -231,6 +231,13 @@ def test_what_is_left_out_is_listed_by_reasons(tmp_path, capsys, monkeypatch):
     assert said.endswith("without numbers that can be read; left out (text): mode\n")
 
 
+def test_wheels_named_by_a_side_and_a_symbol_are_to_be_chosen(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,omega_left,omega_right\n" + "".join(f"{k},{k}.5,{k}.5\n" for k in range(5)))
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert (code, "no channel can be a wheel's" in printed, Path("map.json").exists()) == (0, False, True)
+
+
 def test_odometry_alone_is_no_log_and_what_to_do_is_said(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("t,odom_x,odom_y,odom_theta\n" + "".join(f"{k},{k},0,0\n" for k in range(5)))

@@ -31,6 +31,8 @@ ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "e
 PLACED = {"x", "y", "z", "w", "qx", "qy", "qz", "qw", "roll", "pitch"} | HEADING
 BODY = PLACED | {"vx", "vy", "vz", "dx", "dy", "dtheta", "omega"}
 """Words of the pose and the motion of a body, which no wheel has."""
+_OF_POSE = re.compile(r"\.(x|y|z|heading)$")
+MOVED = SPEED | {"pos", "position", "distance", "angle"}
 ENCODER = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks"}
 
 _PER_SECOND = re.compile(
@@ -91,9 +93,20 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
 
 def possible_wheels(found: Iterable[str]) -> list[str]:
     """Return the channels that may be a wheel's, whatever they are called: all but poses and motions of a body, as of
-    trackers, odometry, TF and IMUs, commands, and quantities that are no motion."""
-    never = BODY | COMMANDED | NEVER
-    return [name for name in found if words_of(name) & ENCODER or not (words_of(name) & never or _is_gyro(name))]
+    trackers, odometry, TF and IMUs, commands, and quantities that are no motion. A side, as of ``omega_left``, makes it
+    a wheel's, unless it is that of a topic or of a pose."""
+    return [name for name in found if _may_be_wheel(name)]
+
+
+def _may_be_wheel(name: str) -> bool:
+    given = words_of(name)
+    if given & ENCODER:
+        return True
+    never = NEVER - {"current"} if given & MOVED else NEVER  # the current position is no current
+    if given & (COMMANDED | never) or _is_gyro(name):
+        return False
+    own = name.partition(" ")[2] if name.startswith("/") else name  # without the topic of ROS
+    return not given & BODY or (bool(words_of(own) & SAID) and not _OF_POSE.search(name))
 
 
 def _live(found: Mapping[str, Found]) -> dict[str, Found]:

@@ -199,6 +199,9 @@ def test_poses_and_motions_of_a_body_cannot_be_a_wheel_and_what_else_counts_can(
     poses = ["/odom pose.pose.x", "/tf odom>base.heading", "/vicon/robot w>robot.y", "x_mm", "theta", "camera heading"]
     motions = ["/odom twist.twist.angular.z", "/imu linear_acceleration.x", "NT:/speeds.omega", "gyro", "cmd_left"]
     wheels = ["A", "links", "/joints velocity[base]", "/wheel_ticks vector.x", "NT:/modules[0].distance", "#2"]
+    wheels += ["w_left", "omega_l", "theta_left", "phi_l", "x_left", "left_current_pos", "omegaRight", "phi_fl"]
+    poses += ["/left_camera pose.x", "/camera_left pose.pose.heading", "/tf odom>left.x", "NT:/leftPose.x"]
+    motions += ["left_motor_current", "/joints effort[left]", "left_cmd", "/imu_left angular_velocity.z"]
     assert possible_wheels([*poses, *motions, *wheels]) == wheels
 
 
