@@ -177,9 +177,14 @@ def _fields(message: Any) -> Iterable[str]:
 
 
 def _names_in(message: Any) -> Sequence[str]:
-    """Return the names that a message has for the entries of its arrays, none if they are not distinct."""
-    found = next((getattr(message, field) for field in NAMES if hasattr(message, field)), ())
-    return () if isinstance(found, str) or len({*found}) < len(found) else found
+    """Return the names that a message has for the entries of its arrays, none if they are no distinct words."""
+    lists = (getattr(message, field, None) for field in NAMES)
+    return next((names for names in lists if isinstance(names, list) and _are_distinct(names)), ())
+
+
+def _are_distinct(names: list[Any]) -> bool:
+    words = {name for name in names if isinstance(name, str) and name}
+    return bool(names) and len(words) == len(names)
 
 
 def _numbers(path: str, value: Any, names: Sequence[str] = ()) -> Iterator[tuple[str, float]]:

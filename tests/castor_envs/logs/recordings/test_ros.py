@@ -256,3 +256,26 @@ def test_a_bag_is_read_message_by_message(tmp_path, bag_writer, monkeypatch):
     for k, _ in enumerate(readings, start=1):
         assert len(decoded) == k
     assert set(decoded) == {"sensor_msgs/msg/JointState"}
+
+
+@pytest.mark.parametrize(
+    ("kind", "value"),
+    [
+        ("String name", lambda w: w.make("mine/String", "left")),
+        ("Byte[] name", lambda w: [w.make("mine/Byte", np.array([k], dtype=np.uint8)) for k in (7, 8)]),
+        ("uint8[2] name", lambda w: np.array([7, 8], dtype=np.uint8)),
+        ("string name", lambda w: "left"),
+        ("string[] name", lambda w: ["left", ""]),
+        ("string[] name", lambda w: ["left", "left"]),
+    ],
+)
+def test_a_field_called_name_that_is_no_list_of_names_leaves_places(tmp_path, bag_writer, kind, value):
+    """As of a message's own name, whatever type that has."""
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        w.store.register(get_types_from_msg("string data", "mine/msg/String"))
+        w.store.register(get_types_from_msg("uint8[1] data", "mine/msg/Byte"))
+        w.store.register(get_types_from_msg(f"{kind}\nfloat64[2] position", "mine/msg/Name"))
+        w.put("/encoders", "mine/Name", START, value(w), np.array([1.0, 2.0]))
+    assert {*survey(open_recording(tmp_path / "run"), Clock("header"))} == {
+        "/encoders position[0]", "/encoders position[1]",
+    }  # fmt: skip
