@@ -9,9 +9,10 @@ from operator import itemgetter
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
 from castor_envs.logs.mapping.places import SAID, Places, words_of
-from castor_envs.logs.mapping.said_units import WORDS, angle_unit, in_degrees, length_in, rate_unit
+from castor_envs.logs.mapping.said_units import angle_unit, in_degrees, length_in, rate_unit
 from castor_envs.logs.mapping.units import LENGTHS
 from castor_envs.logs.recordings.recording import Clock, Found
+from castor_envs.logs.unit_words import WORDS
 from castor_envs.vehicles.robot import RobotDescription
 
 HEADING = {"heading", "psi", "yaw", "theta", "phi"}

@@ -6,16 +6,7 @@ from collections.abc import Mapping
 from castor_envs.logs.mapping.places import words_of
 from castor_envs.logs.mapping.units import LENGTHS, RATE, ROW
 from castor_envs.logs.recordings.recording import Found
-
-WORDS = {
-    "rpm": {"rpm"},
-    "counts": {"tick", "ticks", "count", "counts"},
-    "deg": {"deg", "degs", "degrees", "degree", "dps"},
-    "rev": {"rev", "revs", "rot", "rotations", "turns"},
-    "rad": {"rad", "rads", "radians"},
-    "m": {"m", "mps", "meters", "metres", "mm", "cm"},
-}
-"""Words that say a unit, or a speed in it; millimetres of a wheel are metres by a scale."""
+from castor_envs.logs.unit_words import WORDS
 
 _MOTOR = re.compile(r"(?<![A-Za-z])[mM]\d")
 """A motor's name, such as ``M1``, whose letter is no unit."""

@@ -15,8 +15,9 @@ import numpy as np
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.recordings.csv_cells import is_day, is_number, moment, time_of_day, value_of
-from castor_envs.logs.recordings.recording import Clock, TimeUnit, nanoseconds
+from castor_envs.logs.recordings.recording import UNITS, Clock, TimeUnit, nanoseconds
 from castor_envs.logs.table import Line, number
+from castor_envs.logs.unit_words import TIMES
 
 PLUS = " + "
 """Between the names of two columns whose sum is the clock."""
@@ -39,14 +40,12 @@ _OF_PAIRS = [re.compile(rf"(.*[\s_./])?{part}", re.IGNORECASE) for part in ("sec
 """Names of whole seconds, and of the nanoseconds beside them."""
 
 _DIGIT = re.compile(r"\d")
-_WITH_UNIT = re.compile(r"[\[(](s|secs?|ms|us|µs|ns)[\])]", re.IGNORECASE)
-
+_WITH_UNIT = re.compile(rf"[\[(]({'|'.join(sorted(set().union(*TIMES.values())))})[\])]", re.IGNORECASE)
+_SEPARATOR = r"[\s_\[(/-]"
 _UNIT_SAID: dict[TimeUnit, str] = {
-    "ns": r"(^|[\s_\[(/-])(ns|nsecs?|nanos|nanosecs?|nanoseconds)\b",
-    "us": r"(^|[\s_\[(/-])(us|µs|usecs?|micros|microsecs?|microseconds)\b",
-    "ms": r"(^|[\s_\[(/-])(ms|msecs?|millis|millisecs?|milliseconds)\b",
-    "s": r"([\s_\[(/-]s|(^|[\s_\[(/-])(secs?|seconds))\b",
+    unit: rf"((^|{_SEPARATOR})({'|'.join(sorted(TIMES[unit] - {'s'}))})|{_SEPARATOR}{unit})\b" for unit in UNITS
 }
+"""What says a unit of time in a name; a lone ``s`` may be anything."""
 
 
 def clock_of(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Clock:

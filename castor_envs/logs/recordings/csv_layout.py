@@ -9,6 +9,7 @@ from typing import NamedTuple
 from castor_envs.logs.recordings.csv_cells import cells_of, is_blank, is_read, says_decimal_comma
 from castor_envs.logs.recordings.text_lines import is_comment
 from castor_envs.logs.table import Line, complaint
+from castor_envs.logs.unit_words import TIMES, WORDS
 
 HEAD = 100
 """Lines, comments apart, by which the layout is judged, and in which the first row must come."""
@@ -17,10 +18,8 @@ DELIMITERS = (",", ";", "\t", "|", " ")
 NAMED = 0.25
 """What names that fit the rows speak for a delimiter, beside the part of cells that are numbers."""
 
-_ATOM = (
-    r"(?:[unµμm]?s|secs?|min|h|[kcm]?m|deg|degrees|°C?|[mk]?rad|radians|revs?|rot|rotations|turns|counts?|ticks?|rpm|"
-    r"m?[VAW]|N|Nm|k?Hz|k?g|K|Pa|%|1|bool)"
-)
+_SAID = "|".join(sorted({word for said in (WORDS, TIMES) for words in said.values() for word in words}))
+_ATOM = rf"(?:{_SAID}|min|h|km|°C?|[mk]rad|m?[VAW]|N|Nm|k?Hz|k?g|K|Pa|%|1|bool)"
 _UNIT = re.compile(rf"{_ATOM}(?:\^?-?\d|²|³)?(?:[/*·. ]{_ATOM}(?:\^?-?\d|²|³)?)*")
 
 
@@ -77,7 +76,11 @@ def _judged(path: Path, head: Sequence[tuple[int, str]], delimiter: str) -> tupl
         return None
     # A delimiter may end the rows alone, or the header alone.
     ends = all(is_blank(line.cells[-1]) for line in rows if line.number >= first.number)
-    above = [line.cells for line in lines if line.number < first.number and any(line.cells)]
+    above = [
+        (line.cells, is_comment(text))
+        for line, (_, text) in zip(lines, head, strict=True)
+        if line.number < first.number and any(line.cells)
+    ]
     names = _names(above, {width, width - 1 if ends else width})
     fits = sum(is_read(cell) or is_blank(cell) for cell in first.cells) / width + (NAMED if names else 0.0)
     header = max((line.number for line in lines if line.number < first.number), default=0)
@@ -98,8 +101,19 @@ def _is_row(cells: list[str]) -> bool:
     return 2 * sum(map(is_read, given)) > len(given)
 
 
-def _names(above: list[list[str]], widths: set[int]) -> list[str] | None:
-    """Return the names in the lines above the rows, with units where these have a line of their own; None if none fit.
+def _names(above: list[tuple[list[str], bool]], widths: set[int]) -> list[str] | None:
+    """Return the names in the lines above the rows, see `_named`; None if none fit.
+
+    above: cells, and whether the line is a comment. Comments have the names only where no other line has; the units
+    below names they may have.
+    """
+    all_lines, plain = [cells for cells, _ in above], [cells for cells, comment in above if not comment]
+    with_units = [cells for cells, comment in above if not comment or _are_units(cells)] if plain else []
+    return next((names for lines in (with_units, plain, all_lines) if (names := _named(lines, widths))), None)
+
+
+def _named(above: list[list[str]], widths: set[int]) -> list[str] | None:
+    """Return the names in the last of these lines, or in the one before where the last one holds units.
 
     widths: of the rows, with and without a blank cell at their end.
     """

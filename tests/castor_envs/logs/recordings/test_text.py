@@ -110,6 +110,46 @@ def test_units_in_a_line_of_their_own_are_added_to_the_names_above(tmp_path):
     assert read(written(tmp_path, "run 7,\nm,s\n1,0\n2,1\n"), "m", Clock("s")) == [(0.0, 1.0), (1.0, 2.0)]
 
 
+@pytest.mark.parametrize(
+    "unit",
+    [
+        "mps",
+        "dps",
+        "meters",
+        "metres",
+        "seconds",
+        "degs",
+        "rads",
+        "cps",
+        "usec",
+        "µs",
+        "μs",
+        "mm",
+        "ticks/s",
+        "deg/s^2",
+    ],
+)
+def test_every_word_for_a_unit_may_stand_in_a_line_of_units(tmp_path, unit):
+    path = written(tmp_path, f"stamp,left,mode\ns,{unit},-\n0,1,A\n5,2,B\n")
+    assert sorted(survey(open_recording(path), Clock("stamp [s]"))) == [f"left [{unit}]"]
+
+
+@pytest.mark.parametrize(
+    ("above", "names"),
+    [
+        ("t,left\n# calibrated\n", ["t", "left"]),
+        ("t,left\n# calibrated on Monday, in the hall\n", ["t", "left"]),
+        ("# robot 7, hall 2\nt,left\n#\n# a, b\n", ["t", "left"]),
+        ("t,left\n# s,deg\n", ["t [s]", "left [deg]"]),
+        ("# t,left\n# s,deg\n", ["t [s]", "left [deg]"]),
+        ("A run of Monday\n# t,left\n", ["t", "left"]),
+    ],
+)
+def test_comments_have_the_names_only_where_no_other_line_has(tmp_path, above, names):
+    time, left = names
+    assert read(written(tmp_path, f"{above}0,1\n1,2\n"), left, Clock(time)) == [(0.0, 1.0), (1.0, 2.0)]
+
+
 def test_what_is_left_out_and_why(tmp_path):
     rows = "0,A,1,NA,,nan\n1,B,ERR,NULL,-,nan\n2,B,3,n/a,,nan\n"
     recording = open_recording(written(tmp_path, f"t,mode,left,gps,spare,bad\n{rows}"))
