@@ -200,6 +200,7 @@ def test_wheels_that_no_name_tells_are_to_be_chosen_beside_a_reference(tmp_path,
     ("names", "units"),
     [
         ("left_speed,right_speed,x,y,yaw", ("rad/s, unit guessed", "m, unit guessed", "rad, unit guessed")),
+        ("left.speed,right.speed,x,y,yaw", ("rad/s, unit guessed", "m, unit guessed", "rad, unit guessed")),
         ("left_speed_mps,right_speed_mps,x_mm,y_mm,yaw_deg", ("m/s", "mm", "deg")),
         ("left wheel [°],right wheel [°],x [m],y [m],yaw [°]", ("deg", "m", "deg")),
         ("wheel_1l,wheel_1r,ref_x,ref_y,ref_psi", ("counts", "m", "rad")),

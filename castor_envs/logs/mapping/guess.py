@@ -19,8 +19,8 @@ HEADING = {"heading", "psi", "yaw", "theta", "phi"}
 WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
 PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
 COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
-SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm"}
-RATE = SPEED | {"rate", "omega", "dps", "per", "s", "sec"}
+SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm", "mps", "dps", "cps"}
+RATE = SPEED | {"rate", "omega", "per", "s", "sec"}
 UNITS = {"s"}.union(*WORDS.values())
 BARE = (UNITS - WORDS["counts"]) | {"ms", "us", "ns"}
 """Words that alone, or with the number of a column, are a unit and name nothing."""
@@ -69,7 +69,7 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
             if channel == UNDECIDED:
                 channel = _best(key, free, words, places)
             speed = bool(SPEED & words_of(channel) or _PER_SECOND.search(channel.lower()))
-            unit = angle_unit(channel, found, "/s" if speed else "")
+            unit = angle_unit(channel, found, "/s" if speed else "", alike.values())
             guessed[key] = Column(channel=channel, unit=unit, scale=length_in(channel) if unit[0] == "m" else 1.0)
             free.pop(channel, None)
     commanded = {key: _best(key, free, COMMANDED, places) for key in columns.command if key not in guessed}

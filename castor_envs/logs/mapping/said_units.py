@@ -1,26 +1,35 @@
 """Units that a channel's name or its format says, and what is taken where neither does."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from castor_envs.logs.mapping.places import words_of
 from castor_envs.logs.mapping.units import LENGTHS, RATE, ROW
 from castor_envs.logs.recordings.recording import Found
 from castor_envs.logs.unit_words import WORDS
 
+_ENCODER = {"enc", "encoder", "encoders"}
+
 _MOTOR = re.compile(r"(?<![A-Za-z])[mM]\d")
 """A motor's name, such as ``M1``, whose letter is no unit."""
 
-_IN_RADIANS = re.compile(r"(^| )(position|velocity)\[|\.(angle|heading)$")
-"""Joints of ROS and angles of WPILib's structs, whose units their definitions say."""
+_DEFINED = (
+    (re.compile(r"(^| )position\[|\.(angle|heading)$"), "rad"),
+    (re.compile(r"(^| )velocity\[|angular_velocity\.z$"), "rad/s"),
+    (re.compile(r"\.(x|y|distance)$"), "m"),
+    (re.compile(r"\.speed$"), "m/s"),
+)
+"""Names by the definitions of messages of ROS and of structs of WPILib, which say these units."""
 
-_DEFINED = re.compile(_IN_RADIANS.pattern + r"|\.(x|y|distance|speed)$|angular_velocity\.z$")
-"""These, and what else messages and structs define: m, m/s, rad/s."""
+
+def _defined(name: str) -> str | None:
+    """Return the unit by the definition of a message or struct whose field a name looks like, None for others."""
+    return next((unit for pattern, unit in _DEFINED if pattern.search(name)), None)
 
 
 def says_unit(name: str, unit: str) -> bool:
     """Return whether a channel's name, or the definition of its message or struct, says that it has this unit."""
-    if _DEFINED.search(name):
+    if _defined(name) == unit:
         return True
     base = unit.removesuffix(RATE).removesuffix(ROW)
     return bool(_words(name) & WORDS.get(base, {base})) or (base == "deg" and in_degrees(name))
@@ -31,24 +40,25 @@ def in_degrees(name: str) -> bool:
     return "°" in name or bool(WORDS["deg"] & words_of(name))
 
 
-def angle_unit(channel: str, found: Mapping[str, Found], per: str) -> str:
+def angle_unit(channel: str, found: Mapping[str, Found], per: str, alike: Iterable[str] = ()) -> str:
     """Return the unit of an encoder that its format or name says; or that its numbers suggest: whole ones are counts.
 
-    per: "/s" for a speed, else "".
+    per: "/s" for a speed, else "". alike: channels of the other encoders of its kind, whose unit is the same.
     """
-    if _IN_RADIANS.search(channel):
+    if (defined := _defined(channel)) in ("rad", "rad/s"):
         return "rad" + per
-    if channel.endswith(".speed") and channel.removesuffix("speed") + "angle" in found:  # WPILib's SwerveModuleState
+    if defined == "m/s" and channel.removesuffix("speed") + "angle" in found:  # WPILib's SwerveModuleState
         return "m/s"
+    read = [found[name] for name in (channel, *alike) if name in found]
+    whole = all(one.whole or not one.count for one in read)
     given = _words(channel)
     if "°" in channel:
         return "deg" + per
     for unit, words in (*WORDS.items(), ("m", {"distance"})):
         if given & words:
             return unit if unit == "rpm" else unit + per
-    if given & {"enc", "encoder", "encoders"}:
-        return ("counts" if channel not in found or found[channel].whole or not found[channel].count else "m") + per
-    return ("counts" if channel in found and found[channel].whole else "rad") + per
+    counts = whole and (channel in found or bool(given & _ENCODER))
+    return ("counts" if counts else "m" if given & _ENCODER else "rad") + per
 
 
 def rate_unit(name: str, found: Mapping[str, Found]) -> str:

@@ -38,6 +38,8 @@ def guessed(robot, *channels, whole=False):
         ("left_ticks_per_s", "right_ticks_per_s", "counts/s"),
         ("left wheel (m/s)", "right wheel (m/s)", "m/s"),
         ("left_wheel_angle [deg]", "right_wheel_angle [deg]", "deg"),
+        ("left_cps", "right_cps", "counts/s"),
+        ("left_mps", "right_mps", "m/s"),
         ("M1 encoder left", "M2 encoder right", "counts"),
     ],
 )
@@ -187,6 +189,14 @@ def test_an_encoder_that_holds_no_whole_numbers_does_not_count():
         found = {name: Found(count=10, start=0, end=10**9, high=5.99, whole=whole) for name in names}
         columns = guess_map(found, Clock("t"), preset("differential")).columns
         assert [columns[key].unit for key in ("wheel_1l", "wheel_1r")] == [unit, unit]
+
+
+@pytest.mark.parametrize("name", ["{}.speed", "{}", "{} velocity"])
+def test_wheels_of_one_family_have_one_unit(name):
+    """As where one wheel stood all the time, or was told to turn at whole numbers."""
+    found = {name.format("left"): Found(count=9, high=5.5, whole=False), name.format("right"): Found(count=9, high=5)}
+    columns = guess_map(found, Clock("t"), preset("differential")).columns
+    assert {columns[key].unit for key in ("wheel_1l", "wheel_1r")} == {"rad" if name == "{}" else "rad/s"}
 
 
 def test_all_wheels_come_from_names_of_one_family():
