@@ -130,16 +130,21 @@ def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: in
     sums of increments."""
     column, first = by.columns[key], series[0]
     times, values = np.asarray(first.time, dtype=np.int64), np.asarray(first.value, dtype=float)
+    zeros = 0
     if len(series) == 4:
         if any(not np.array_equal(times, other.time) for other in series):
             raise InputError(f"{where}: the four channels are not read at the same times; take them from one message")
         values = np.array([heading_of(*q) for q in zip(*(other.value for other in series), strict=True)])
-        times, values = times[np.isfinite(values)], values[np.isfinite(values)]
+        turned = np.isfinite(values)
+        if not turned.any():
+            raise InputError(f"{where}: all quaternions are 0, which is no heading; give other channels")
+        times, values, zeros = times[turned], values[turned], int(np.sum(~turned))
     if kind_of(column.unit) == "increment":  # summed with those that are left out; that of the first came before it
         values = np.append(0.0, np.cumsum(values[1:]))
     track, left_out = Track.of(where, times - begin, values, first.held)
     missing = max(other.missing for other in series)
-    for what, count in (left_out | {"are no finite numbers": missing}).items():
+    left_out |= {"are no finite numbers": missing, "are quaternions of 0, which are no headings": zeros}
+    for what, count in left_out.items():
         if count:
             notes.append(f"{key}: {count} of {len(first.time) + missing} readings {what} and are left out")
     if column.wraps_at is not None:

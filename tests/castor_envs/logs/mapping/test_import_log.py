@@ -138,6 +138,32 @@ def test_quaternions_are_read_as_headings(tmp_path):
     np.testing.assert_allclose(log.reference[:, 2], 4 * T, atol=1e-9)
 
 
+@pytest.mark.parametrize("column", ["ref_psi", "fix_psi"])
+def test_quaternions_of_0_are_missing_headings(tmp_path, column):
+    """As a tracker writes that has lost the robot, here for the tenth of a second from row 10 on."""
+    part = column.removesuffix("_psi")
+    columns = WHEELS | {
+        f"{part}_x": {"channel": "x", "unit": "m"},
+        f"{part}_y": {"channel": "y", "unit": "m"},
+        column: {"channel": ["qx", "qy", "qz", "qw"], "unit": "quaternion"},
+    }
+
+    def imported(seen):
+        cells = {"t": T, "wheel_1l": ANGLE, "wheel_1r": ANGLE, "x": T, "y": T, "qx": 0 * T, "qy": 0 * T}
+        source = table(tmp_path / "run.csv", **cells, qz=seen * np.sin(T), qw=seen * np.cos(T))
+        return import_log(source, ROBOT, mapped(columns))
+
+    seen = (np.arange(101) < 10) | (np.arange(101) >= 15)
+    found = imported(seen)
+    said = f"{column}: 5 of 101 readings are quaternions of 0, which are no headings and are left out"
+    assert said in found.notes
+    if column == "ref_psi":
+        assert found.tracked is not None
+        np.testing.assert_allclose(found.tracked.pose[:, 2], 2 * T[seen], atol=1e-9)
+    with pytest.raises(InputError, match=rf"columns\.{column}: all quaternions are 0"):
+        imported(0 * T)
+
+
 def test_a_fast_gyro_is_averaged_so_that_its_whole_turn_stays(tmp_path, bag_writer):
     """500 Hz against counts at 50 Hz: rate 0.5 + t, and a vibration that alternates from reading to reading."""
     with bag_writer(tmp_path / "run", "mcap") as w:
