@@ -107,13 +107,21 @@ def _readings(source: Path, by: ChannelMap, name: str, notes: list[str]) -> dict
         if absent:
             known = survey(recording, clock)
             column = next(k for k, c in by.columns.items() if c.source == key and absent[0] in c.channels)
-            why = next((w for n, w in recording.left_out.items() if f"{absent[0]} ".startswith(f"{n} ")), None)
+            why = _why_left_out(absent[0], recording)
             reason = did_you_mean(absent[0], known) if why is None else f": it is left out ({why})"
             problem = f"source {key!r} has no readings of {absent[0]!r}{reason}"
             raise InputError(f"{name}: columns.{column}: {shortened(problem, 600)}")
         shift = round(place.offset * 1e9)
         found |= {(key, channel): one.shifted(shift) for channel, one in series.items()}
     return {key: [found[column.source, channel] for channel in column.channels] for key, column in by.columns.items()}
+
+
+def _why_left_out(channel: str, recording: Recording) -> str | None:
+    """Return why a recording has no such channel: what the channel is of is left out; None where it is not."""
+    for name, why in recording.left_out.items():
+        if channel == name or any(channel.startswith(name + mark) for mark in recording.inside):
+            return why
+    return None
 
 
 def _clock(place: Source, recording: Recording) -> Clock:

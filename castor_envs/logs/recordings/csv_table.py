@@ -32,7 +32,7 @@ def _is_table(path: Path) -> bool:
 class Table:
     """A CSV file; each pass over it opens it anew and reads line by line."""
 
-    kind, held = "CSV file", False
+    kind, held, inside = "CSV file", False, ""
 
     def __init__(self, path: Path) -> None:
         self._path = path

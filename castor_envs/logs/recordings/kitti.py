@@ -20,7 +20,7 @@ COLUMNS = tuple(f"r{i}{j}" if j < 4 else f"p{i}" for i in (1, 2, 3) for j in (1,
 class KittiText:
     """A trajectory without times of its own."""
 
-    kind, held = "trajectory (KITTI text)", False
+    kind, held, inside = "trajectory (KITTI text)", False, ""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -53,12 +53,14 @@ class Recording(Protocol):
     """An opened recording.
 
     kind: what it is, for people. held: whether a value is written only where it changes, and stays until the next.
+    inside: the characters of which one stands between what is left out and its numbers, as between topic and field.
     notes: what is to be said of what was read so far. left_out: once all channels were read, what is none of them, or
     not wholly, and why.
     """
 
     kind: str
     held: bool
+    inside: str
     notes: list[str]
     left_out: dict[str, str]
 

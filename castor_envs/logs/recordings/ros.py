@@ -54,7 +54,7 @@ def _bags(path: Path) -> list[Path]:
 class Bag:
     """A bag of either ROS; each pass over it opens it anew."""
 
-    kind, held = "ROS bag", False
+    kind, held, inside = "ROS bag", False, " "
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -31,7 +31,7 @@ def has_rows_of(path: Path, count: int) -> bool:
 class TumText:
     """A trajectory with times, s, or in the unit that a map gives."""
 
-    kind, held = "trajectory (TUM text)", False
+    kind, held, inside = "trajectory (TUM text)", False, ""
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -46,7 +46,7 @@ def _is_wpilog(path: Path) -> bool:
 class DataLog:
     """A data log; each pass over it maps the file anew."""
 
-    kind, held = "WPILib data log", True
+    kind, held, inside = "WPILib data log", True, ".["
 
     def __init__(self, path: Path) -> None:
         self._path = path

@@ -338,6 +338,27 @@ def test_entries_that_are_written_when_they_change_hold_in_between(tmp_path, wri
     np.testing.assert_allclose(np.diff(summed.wheel, axis=0) / PER_RADIAN, rates * 0.02, atol=1e-3)
 
 
+def test_a_typo_beside_a_column_of_text_is_no_text(tmp_path):
+    path = tmp_path / "run.csv"
+    path.write_text("t,left,left_ticks,wheel_1r\n" + "".join(f"{k},A,{k},{k}\n" for k in range(5)))
+    with pytest.raises(InputError, match="did you mean 'left_ticks'"):
+        import_log(path, ROBOT, mapped(WHEELS | {"wheel_1l": {"channel": "left ticks", "unit": "counts"}}))
+
+
+@pytest.mark.parametrize("channel", ["NT:/left.x", "NT:/left[0].x", "NT:/left"])
+def test_why_a_structs_numbers_are_absent_is_said(tmp_path, write_wpilog, channel):
+    pytest.importorskip("wpiutil", reason="WPILib's reader is not installed: pip install robotpy-wpiutil")
+    records = [(k, 20_000 * i, struct.pack("<d", i)) for i in range(5) for k in (0, 1)]
+    path = tmp_path / "run.wpilog"
+    path.write_bytes(write_wpilog([("NT:/left", "struct:Mine"), ("NT:/right", "double")], records))
+    columns = {"wheel_1l": {"channel": channel, "unit": "rad"}, "wheel_1r": {"channel": "NT:/right", "unit": "rad"}}
+    with pytest.raises(InputError, match=r"it is left out \(of type struct:Mine, of which no numbers are read\)"):
+        import_log(path, ROBOT, mapped(columns, main={}))
+    columns["wheel_1l"]["channel"] = "NT:/lefty"
+    with pytest.raises(InputError, match="did you mean"):
+        import_log(path, ROBOT, mapped(columns, main={}))
+
+
 GOOD = {"t": T, "wheel_1l": ANGLE, "wheel_1r": ANGLE, "x": T, "y": T, "yaw": T}
 POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, unit in
         (("ref_x", "m"), ("ref_y", "m"), ("ref_psi", "rad"))}  # fmt: skip
