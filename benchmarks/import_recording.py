@@ -126,7 +126,7 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
 
 def _show_reference(source: Path, clock: Clock, pose: Mapping[str, Column]) -> None:
     """Print what to add to the map of another recording, of which this one is the reference."""
-    place = Source(file=source.name, time=clock.time, unit=clock.unit, period=clock.period)
+    place = Source.of(clock, source.name)
     added = ChannelMap(
         sources={"tracker": place}, columns={key: replace(column, source="tracker") for key, column in pose.items()}
     ).to_dict()

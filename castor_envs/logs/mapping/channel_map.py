@@ -43,20 +43,26 @@ class Source:
 
     file: a recording, as seen from the folder of the one that is imported, None for that one itself. time: by which
     clock: "header" or "receive" of ROS messages, a CSV file's column of times (or two, as in "sec + nanosec" and in
-    "date + time"), a file of times for KITTI text. unit: of such a column or file. period: s, between rows without
+    "date + time"), a file of times for KITTI text. unit: of such a column or file;
+    left out it is s, or what the recording says where `time` is left out too. period: s, between rows without
     times. offset: s, added to all times, so that clocks of two computers agree.
     """
 
     file: _Text | None = _unless(None)
     time: _Text | None = _unless(None)
-    unit: TimeUnit = _unless("s")
+    unit: TimeUnit | None = _unless(None)
     period: Annotated[float, Field(gt=0, le=1e6)] | None = _unless(None)
     offset: Annotated[float, Field(ge=-1e10, le=1e10)] = 0.0
 
     @property
     def clock(self) -> Clock:
         """The clock of the readings, before the offset."""
-        return Clock(self.time, self.unit, self.period)
+        return Clock(self.time, self.unit or "s", self.period)
+
+    @classmethod
+    def of(cls, clock: Clock, file: str | None = None) -> "Source":
+        """Return the source with a clock."""
+        return cls(file=file, time=clock.time, unit=None if clock.unit == "s" else clock.unit, period=clock.period)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)

@@ -85,7 +85,7 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     if columns.reference[0] not in guessed:
         guessed |= _reference(columns.reference, free)
     ordered = {key: guessed[key] for part in columns for key in part if key in guessed}
-    sources = {"main": Source(time=clock.time, unit=clock.unit, period=clock.period)}
+    sources = {"main": Source.of(clock)}
     for key, column in ordered.items():
         if any(name in found and not found[name].stamped for name in column.channels):
             sources[RECEIVED], ordered[key] = Source(time="receive"), replace(column, source=RECEIVED)

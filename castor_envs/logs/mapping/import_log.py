@@ -125,11 +125,12 @@ def _why_left_out(channel: str, recording: Recording) -> str | None:
 
 
 def _clock(place: Source, recording: Recording) -> Clock:
-    """Return the clock that a map names for a source, or else that of a first map; a period is left to people."""
+    """Return the clock that a map names for a source, or else that of a first map, in the map's unit if it has one; a
+    period is left to people."""
     if place.clock.unnamed:
         usual = recording.clock()
         if usual.period is None:
-            return usual if place.unit == "s" else replace(usual, unit=place.unit)
+            return usual if place.unit is None else replace(usual, unit=place.unit)
     return place.clock
 
 

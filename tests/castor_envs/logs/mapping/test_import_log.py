@@ -269,6 +269,15 @@ def test_a_map_that_names_no_clock_takes_that_of_the_survey(tmp_path, bag_writer
         imported(untimed, "left", "right")
 
 
+@pytest.mark.parametrize(("unit", "second"), [(None, 1e3), ("s", 1.0), ("ms", 1e3), ("us", 1e6)])
+def test_a_unit_is_obeyed_where_the_clock_is_left_to_the_recording(tmp_path, unit, second):
+    """A column that says ms, which is what counts where the map has no unit."""
+    path = table(tmp_path / "run.csv", stamp_ms=second * T, left=ANGLE, right=ANGLE)
+    columns = {"wheel_1l": {"channel": "left", "unit": "rad"}, "wheel_1r": {"channel": "right", "unit": "rad"}}
+    log = import_log(path, ROBOT, mapped(columns, main={} if unit is None else {"unit": unit})).log
+    np.testing.assert_allclose(log.t, T, atol=1e-9)
+
+
 def test_topics_of_one_bag_may_have_two_clocks(tmp_path, bag_writer):
     """Ticks without a header, when they were received; poses by the stamps of a computer that is 3 s ahead."""
     with bag_writer(tmp_path / "run.bag", "ros1") as w:
