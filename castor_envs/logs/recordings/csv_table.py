@@ -1,11 +1,11 @@
 """CSV files with any columns: a channel is a column, by the name in the header.
 
 The header is the line before the first row of numbers, or the one before that where it holds units, which names then
-end with: ``left [deg]``. Lines above it are left alone, and so is what begins with ``#``. A name that stands twice gets
-its place (``X``, ``X #2``), a column without a name too (``#3``). Cells are separated by commas, semicolons, tabs,
-bars or blanks, whichever makes most of them numbers. Numbers may have a decimal comma, between commas in quotes. A
-blank cell, or ``NA``, ``NULL`` or ``-``, is no reading, so one file may hold several rates. What is the time, and how
-it may be written: `csv_clock`.
+end with: ``left [deg]``. Lines above it are left alone, and so is what begins with ``#``, unless it alone has the
+names. A name that stands twice gets its place (``X``, ``X #2``), a column without a name too (``#3``). Cells are
+separated by commas, semicolons, tabs, bars or blanks, whichever makes most of them numbers. Numbers may have a decimal
+comma, between commas in quotes. A blank cell, or ``NA``, ``NULL`` or ``-``, is no reading, so one file may hold several
+rates. What is the time, and how it may be written: `csv_clock`.
 """
 
 import itertools
