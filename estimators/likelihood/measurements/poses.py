@@ -34,8 +34,8 @@ CLOCK = np.array([1.0, 0.05])
 """s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
 
 SWINGING = 0.1
-"""s: the acceleration of the tracked point comes from the path once and twice so long before and after a pose, or two
-and four samples if that is longer: less is noise of counts, and in more a robot starts and stops."""
+"""s: the acceleration of the tracked point comes from the path so long, and half as long again, before and after a
+pose, or two and three samples if that is longer: less is noise of counts, and in more a robot starts and stops."""
 
 RATE_KNOWN = 1e-6
 """s/s: standard deviation of a known rate."""
@@ -144,7 +144,7 @@ class ReferencePoses:
                 [np.interp(taken - by, self._t, x) + np.interp(taken + by, self._t, x) for x in tracked.T]
             )
 
-        return (around(2 * apart) - around(apart)) / (3 * apart**2)
+        return (around(1.5 * apart) - around(apart)) / (1.25 * apart**2)
 
     def steps_of(self, samples: NDArray[np.intp], clock: Array) -> tuple[NDArray[np.intp], Array]:
         """Return the sample after which each of these samples' pose was taken, and the part (k, 1) of the step up to
