@@ -24,7 +24,6 @@ TIE = 1e-12
 """m and rad: errors closer than this count as equal, and lengths and errors up to this as 0, so that rounding never
 decides. theta_phi of two axles is always equal for even N."""
 
-
 AT_ONCE = 4096
 """Snapshots whose errors are computed at once: more do not stay in a processor's cache."""
 
