@@ -144,6 +144,13 @@ class DesignMatrix:
         at = self.geometry, changes.changed, changes.change, self.state, self.clock
         return self.model.reduce(*at, mount, noise, probes, extra, self.rate)
 
+    def score_by_volume(self, mount: Array, noise: Noise) -> Array:
+        """Return what the volume of likely states adds to the score of the amplitudes (see `LogLikelihood`)."""
+        found = np.zeros(sum(candidate.columns for candidate in self.candidates))
+        at = self.geometry, self.geometries, self.steps, self.state, self.clock
+        found[: len(self.steps)] = self.model.score_by_volume(*at, mount, noise)
+        return found
+
 
 def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
     """Return the column numbers of each of several candidates in sequence."""

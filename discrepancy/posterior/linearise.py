@@ -292,6 +292,7 @@ def _of_sizes(
     reduced = design.reduce(shared.mount, noise)
     information, gradient = reduced.information.copy(), reduced.gradient.copy()
     n = sum(candidate.columns for candidate in design.candidates)
+    gradient[:n, 0] -= design.score_by_volume(shared.mount, noise)
     shared.add_priors(information, gradient, n)
     shown, score = schur_complement(information, gradient[:, 0], n)
     nuisances = information[n:, n:]

@@ -105,6 +105,13 @@ def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> A
     return band.reshape(samples * size, 2 * size).T
 
 
+def log_determinant(information: Array) -> float:
+    """Return the logarithm of the determinant of the information on states, in upper banded form; it is overwritten."""
+    from scipy.linalg import cholesky_banded  # slow to import
+
+    return 2 * float(np.sum(np.log(cholesky_banded(information, overwrite_ab=True, check_finite=False)[-1])))
+
+
 def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> Array:
     """Return products of numbers' derivatives, values and drawn residuals (columns, columns), states eliminated.
 

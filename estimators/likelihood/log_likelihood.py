@@ -14,7 +14,7 @@ Each step ties two samples only, so the normal equations are banded (Cholesky's 
 linearised at the fitted state, not at the readings: rounded regressors would bias the parameters toward zero.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -29,7 +29,7 @@ from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.geometry.steps import smoothed
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry
-from estimators.likelihood.elimination import FEW, LARGE, Rows, blocks
+from estimators.likelihood.elimination import FEW, LARGE, Rows, blocks, information_on_states, log_determinant
 from estimators.likelihood.measurements.gyro import GyroRates
 from estimators.likelihood.measurements.poses import ReferencePoses
 from estimators.likelihood.reduction import Leftover, Reduced, reduced
@@ -307,6 +307,43 @@ class LogLikelihood(RollingConstraints):
             return state, clock, self._gyro.with_described(left, noise.gyro)
 
         return found._replace(log_evidence=log_evidence, finish=finish)
+
+    def score_by_volume(
+        self,
+        geometry: Geometry,
+        changed: Sequence[Geometry],
+        change: Array,
+        state: Array,
+        clock: Array,
+        mount: Array,
+        noise: Noise,
+    ) -> Array:
+        """Return the derivatives (G,) of log evidence at a state by parameters of the geometry, but for that of the
+        least squares (`reduce`): of the volume of likely states, and of the density of slips.
+
+        changed: G geometries, in each of which one parameter is larger by change (G,). Both terms are large, and
+        cancel each other where wheels roll as they turn; where a steering encoder stands still they do not, as the
+        reference shows then how its castor turns, more or less well with other dimensions.
+        """
+        weights = self._weights(state, noise)
+
+        def kinds_of(geometry: Geometry, slipping: Whitening) -> dict[str, Rows]:
+            return self._linearised(geometry, geometry, np.zeros(0), state, clock, mount, weights, slipping, None)
+
+        def log_density(geometry: Geometry) -> float:
+            slipping = self._whitening(geometry, state, noise)
+            of_slips = information_on_states([kinds_of(geometry, slipping)["slips"]], *state.shape)
+            volume = self._log_volume(geometry, state) - log_determinant(of_slips + of_others) / 2
+            return volume + slipping.log_density() - float(np.sum((slipping.weight * slips) ** 2)) / 2
+
+        first = self._whitening(geometry, state, noise)
+        off = first.applied(slice(None), (self.residuals(geometry, state) - self._expected)[..., None])
+        slips = first.of_contacts(slice(None), off)[..., 0] / first.weight
+        others = kinds_of(geometry, first)
+        del others["slips"]
+        of_others = information_on_states(others.values(), *state.shape)
+        at_first = log_density(geometry)
+        return np.array([log_density(larger) - at_first for larger in changed]) / change
 
     def _of_play(self, variances: Callable[[], Array]) -> float:
         """Return the logarithm by which readings that stand still within a play are likelier than normal variables as
