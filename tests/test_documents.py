@@ -14,7 +14,7 @@ from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_ru
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs.cli.commands import imported
-from discrepancy.trials.scores import wilson
+from discrepancy.trials.results.scores import wilson
 from estimators.plugins.registry import load_estimator
 
 ROOT = Path(__file__).parents[1]

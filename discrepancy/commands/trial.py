@@ -12,7 +12,8 @@ from castor_envs.cli import command_line
 from castor_envs.vehicles.presets import any_preset
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.trials import folder as trials
-from discrepancy.trials import scores
+from discrepancy.trials.results import scores
+from discrepancy.trials.results.missed import as_line, missed
 from discrepancy.trials.run import DURATION, Plan
 from discrepancy.trials.trains.run import TrainPlan
 
@@ -46,8 +47,9 @@ def trial(
             plan = Plan.of(cases, seed, generator, robot, duration)
         trials.make(plan, folder, jobs=jobs)
         trials.judge(plan, folder, jobs=jobs)
-        scored = scores.report(folder)
-        print(json.dumps(scored, indent=2, allow_nan=False) if as_json else "\n".join(scores.lines(scored)))
+        scored, misses = scores.report(folder), missed(scores.trials_of(folder))
+        text = [*scores.lines(scored), "", "Cases that count against the finder:", *map(as_line, misses)]
+        print(json.dumps(scored | {"missed": misses}, indent=2, allow_nan=False) if as_json else "\n".join(text))
 
     if out is not None:
         with command_line.keeping(f"what is done is kept in {out}: the same command continues"):

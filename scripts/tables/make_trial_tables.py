@@ -1,9 +1,9 @@
-"""Write docs/trials.json from the folders of trials, and from that the tables of docs/diagnosis-trials.md: of robots
-and of trains.
+"""Write docs/trials.json from the folders of trials, and from that the tables of docs/diagnosis-trials.md: rates of
+robots and of trains, and the cases that count against the finder.
 
     castor-diagnose trial --out FOLDER && python scripts/tables/make_trial_tables.py FOLDER...
 
-They come before what is stored already. Without folders, the tables are made anew.
+They come before what is stored already, or in the place of the same trials. Without folders, the tables are made anew.
 """
 
 import json
@@ -13,7 +13,8 @@ from typing import Any
 
 from castor_envs.files import write_atomically
 from castor_envs.vehicles.presets import train_names
-from discrepancy.trials.scores import calibration_error, report, wilson
+from discrepancy.trials.results.missed import given_of, missed, said_of
+from discrepancy.trials.results.scores import calibration_error, report, trials_of, wilson
 
 FORMAT = "castor-trial-figures/1"
 DOCS = Path(__file__).parents[2] / "docs"
@@ -21,6 +22,8 @@ PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "trials.json"
 START, END = "<!-- table: made by scripts/tables/make_trial_tables.py -->\n", "<!-- end of table -->\n"
 GENERATORS = ("pymunk", "mujoco", "bullet")
 OF_TRAINS = "<!-- table of trains: made by scripts/tables/make_trial_tables.py -->\n"
+OF_MISSES = "<!-- table of misses: made by scripts/tables/make_trial_tables.py -->\n"
+OF_TRAINS_MISSES = "<!-- table of trains' misses: made by scripts/tables/make_trial_tables.py -->\n"
 
 Figures = dict[str, Any]
 
@@ -28,8 +31,9 @@ Figures = dict[str, Any]
 def figures_of(folders: list[Path]) -> Figures:
     """Return the scores of some trials as plain data."""
     trials = []
-    for scores in map(report, folders):
-        shown = {key: scores[key] for key in ("plan", "finder", "judged")}
+    for folder in folders:
+        scores = report(folder)
+        shown = {key: scores[key] for key in ("plan", "finder", "judged")} | {"missed": missed(trials_of(folder))}
         trials.append(shown | {key: scores["all"][key] for key in ("rates", "reliability", "calibration_error")})
     return {"format": FORMAT, "trials": trials}
 
@@ -58,6 +62,28 @@ def trains_table(figures: Figures) -> str:
     )
     empty = f"{' | '.join(['-'] * (len(trials) + 1))} |"
     return "".join(row for row in table.splitlines(keepends=True) if not row.endswith(f"| {empty}\n"))
+
+
+def with_new(figures: Figures, new: list[Figures]) -> list[Figures]:
+    """Return new trials before those that are stored, or in the place of the same ones."""
+    by_plan = {json.dumps(trial["plan"], sort_keys=True): trial for trial in new}
+    stored = [by_plan.pop(json.dumps(trial["plan"], sort_keys=True), trial) for trial in figures["trials"]]
+    return [*by_plan.values(), *stored]
+
+
+def misses_table(figures: Figures, trains: bool) -> str:
+    """Return the table of cases that count against the finder, of the newest trials, as far as they are stored."""
+    rows = [["case", "robot", "hidden, with its cost in 10 m", "answer", "counts as"], ["---"] * 5]
+    for trial in figures["trials"]:
+        if _of_train(trial) == trains:
+            for miss in trial.get("missed", []):
+                said = f"{miss['verdict']}: {said_of(miss)}" if said_of(miss) else miss["verdict"]
+                where = f"{miss['robot']}, {given_of(miss)}"
+                hidden = "; ".join(miss["hidden"]) or "nothing"
+                rows.append(
+                    [f"{trial['plan']['seed']}, {miss['case']}", where, hidden, said, ", ".join(miss["missed"])]
+                )
+    return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
 def _of_train(trial: Figures) -> bool:
@@ -111,7 +137,8 @@ def _joined(parts: list[Figures]) -> Figures:
 
 def with_tables(page: str, figures: Figures) -> str:
     """Return the page with new tables between their marks."""
-    for start, table in ((START, robots_table(figures)), (OF_TRAINS, trains_table(figures))):
+    tables = robots_table(figures), trains_table(figures), misses_table(figures, False), misses_table(figures, True)
+    for start, table in zip((START, OF_TRAINS, OF_MISSES, OF_TRAINS_MISSES), tables, strict=True):
         before, rest = page.split(start)
         page = before + start + "\n" + table + "\n" + END + rest.split(END, 1)[1]
     return page
@@ -120,6 +147,6 @@ def with_tables(page: str, figures: Figures) -> str:
 if __name__ == "__main__":
     figures = json.loads(FIGURES.read_text(encoding="utf-8"))
     if sys.argv[1:]:
-        figures["trials"] = figures_of([Path(name) for name in sys.argv[1:]])["trials"] + figures["trials"]
+        figures["trials"] = with_new(figures, figures_of([Path(name) for name in sys.argv[1:]])["trials"])
         write_atomically(FIGURES, json.dumps(figures, indent=1) + "\n")
     write_atomically(PAGE, with_tables(PAGE.read_text(encoding="utf-8"), figures))

@@ -15,11 +15,12 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials import folder as trials
-from discrepancy.trials import run, scores
+from discrepancy.trials import run
 from discrepancy.trials.cases import BOUNDS, SEVERAL
 from discrepancy.trials.generators import generator
 from discrepancy.trials.hidden import class_of
 from discrepancy.trials.reading import as_recorded
+from discrepancy.trials.results import scores
 from discrepancy.trials.said import Said, Single
 
 CASES, SEED, ROBOT = 5, 18, "2-castor"

@@ -15,7 +15,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy import cli
 from discrepancy.trains.candidates import Candidate, named_candidates
 from discrepancy.trials import folder as trials
-from discrepancy.trials import scores
+from discrepancy.trials.results import scores
 from discrepancy.trials.trains import run
 from discrepancy.trials.trains.cases import BOUNDS, MIX, ONE_WAY, draw
 from discrepancy.trials.trains.outside import KINDS, Outside

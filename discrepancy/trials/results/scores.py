@@ -294,9 +294,14 @@ GROUPS = (
 """What groups cases, as labels have it, and what a group is called."""
 
 
+def trials_of(folder: str | os.PathLike[str]) -> list[Trial]:
+    """Return the judged cases of a trial; raises InputError if there are none."""
+    return [Trial(*case) for case in judged(folder)]
+
+
 def report(folder: str | os.PathLike[str]) -> dict[str, Any]:
     """Return all scores of a trial as plain data."""
-    plan, trials = asked_of(folder), [Trial(*case) for case in judged(folder)]
+    plan, trials = asked_of(folder), trials_of(folder)
     groups: dict[str, list[Trial]] = {}
     for key, called in GROUPS:
         for trial in trials:
