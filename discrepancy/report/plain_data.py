@@ -41,7 +41,7 @@ def as_data(
         "verdict": min(verdicts, key=(*WEAKEST_FIRST, "no discrepancy").index),
         "mistakes": gross,
         "answers": [answer_data(answer) for answer in diagnosis.answers],
-        "dimensions": [_dimension(dimension) for dimension in diagnosis.dimensions],
+        "dimensions": [dimension_data(dimension) for dimension in diagnosis.dimensions],
         "probabilities": diagnosis.inclusion,
         "names": _names(diagnosis),
         "gap": _gaps(*seen),
@@ -76,7 +76,7 @@ def answer_data(answer: Answer) -> Data:
     }
 
 
-def _dimension(dimension: Dimension) -> Data:
+def dimension_data(dimension: Dimension) -> Data:
     """Return a dimension that is guessed together with the others as plain data."""
     candidate, size, error = dimension.sized.candidate, dimension.sized.size, COVERAGE * float(np.max(dimension.error))
     unit = candidate.kinds[0].unit

@@ -122,7 +122,7 @@ def left_out(data: Data) -> str:
 
 def together(data: Data) -> str:
     """Return what is guessed of dimensions that are not sure one by one; nothing if nothing is."""
-    told = [f"{dimension['what']} {size_of(dimension)}" for dimension in data["dimensions"]]
+    told = [f"{of['what']} {_with_interval(of['size'], of['unit'], of['interval'])}" for of in data["dimensions"]]
     said = "Held-out logs confirm dimensions guessed together, which need not be sure one by one"
     return f"{said}; {data.get('file', 'robot.json')} has them: {'; '.join(told)}." if told else ""
 
@@ -145,13 +145,7 @@ def size_of(answer: Data) -> str:
     if answer["curve"]:
         values = answer["curve"]["values"]
         return f"{number(min(values), PERCENT, 2, signed=True)} to {number(max(values), PERCENT, 2, signed=True)} %"
-    size, unit, interval = answer["size"], answer["unit"], answer["interval"]
-    if size is None or unit is None or not interval:
-        return ""
-    name, scale = READ_AS.get(str(unit), (str(unit), 1.0))
-    digits = digits_by((interval[1] - interval[0]) / (2 * COVERAGE), scale)
-    shown, low, high = (number(value, scale, digits, signed=True) for value in (size, *interval))
-    return f"{shown} {name} ({low} to {high})"
+    return _with_interval(answer["size"], answer["unit"], answer["interval"])
 
 
 def nearest_of(answer: Data) -> str:
@@ -266,6 +260,16 @@ def _title(mistake: Data) -> str:
     """Return a gross mistake in a few words, and what else it may be."""
     title, rivals = mistake["what"].partition(":")[0], mistake["alternatives"]
     return f"{title}, or else {'; or '.join(rivals)}" if rivals else title
+
+
+def _with_interval(size: float | None, unit: str | None, interval: Sequence[float] | None) -> str:
+    """Return a size with its 95 % interval; nothing without a size or a unit."""
+    if size is None or unit is None or not interval:
+        return ""
+    name, scale = READ_AS.get(str(unit), (str(unit), 1.0))
+    digits = digits_by((interval[1] - interval[0]) / (2 * COVERAGE), scale)
+    shown, low, high = (number(value, scale, digits, signed=True) for value in (size, *interval))
+    return f"{shown} {name} ({low} to {high})"
 
 
 def _figures(value: float) -> str:

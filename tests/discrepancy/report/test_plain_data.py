@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from castor_envs.cli import command_line
-from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.dimensions import Track, WheelRadius
 from castor_envs.effects.encoders import LearnedTerm
 from castor_envs.effects.wiring import EncoderReversed
 from castor_envs.logs.csv import read_log, write_log
@@ -18,12 +18,16 @@ from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy import cli
 from discrepancy.diagnose import posterior_of
+from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.posterior.answers import Learned
+from discrepancy.posterior.model.dimensions import Dimension
+from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.variances.learned import answer_of
 from discrepancy.report import sentences
-from discrepancy.report.plain_data import answer_data
+from discrepancy.report.plain_data import answer_data, dimension_data
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import USUAL
+from estimators.calibration.identifiability import COVERAGE
 
 ROBOT = preset("differential")
 REAL = ROBOT.with_effects(WheelRadius(castor=1, wheel=2, value=0.01))
@@ -49,6 +53,20 @@ def test_a_learned_curve_has_its_band_and_its_nearest_effect():
     assert (np.array(curve["high"]) + curve["low"]).tolist() == pytest.approx([-0.4, 0.8])
     assert (curve["of"], curve["unit"], curve["knots"]) == ("speed", "rad/s", [-1.0, 1.0])
     assert curve["nearest"] == {"what": "slope of the floor", "cosine": 0.2}
+
+
+def test_dimensions_that_are_guessed_together_are_told_with_their_intervals():
+    sizes = (WheelRadius(castor=1, wheel=1, value=0.002), 0.001), (Track(castor=1, value=-0.01), 0.004)
+    guessed = [
+        Dimension(Sized(Candidate(described(kind), (kind,)), np.array([kind.value])), np.array([error / COVERAGE]))
+        for kind, error in sizes
+    ]
+    data = {"dimensions": [dimension_data(dimension) for dimension in guessed], "file": "robot.json"}
+    assert sentences.together(data) == (
+        "Held-out logs confirm dimensions guessed together, which need not be sure one by one; robot.json has them: "
+        "wheel radius, castor 1, wheel 1 +0.200 % (+0.100 to +0.300); "
+        "track (distance between the wheels), castor 1 −1.00 % (−1.40 to −0.60)."
+    )
 
 
 def numbers(data):

@@ -17,7 +17,10 @@ def trial(stratum, truth=(), named=(), credible=None, z=30.0, z_sep=20.0, cost=0
     strength |= {"nearest": ["track 9"] * len(truth)}  # type: ignore[dict-item]
     hidden = [{"class": own, "from": "catalogue", "what": {"name": own.split()[0], "value": 0.01}} for own in truth]
     label = {"stratum": stratum, "robot": "swerve", "clean": False, "reference": True, "hidden": hidden, "seconds": 1.0}
-    label |= {"log": strength if truth else None, "holdout": {**strength, "z": [held_out] * len(truth)} if truth else None}
+    label |= {
+        "log": strength if truth else None,
+        "holdout": {**strength, "z": [held_out] * len(truth)} if truth else None,
+    }
     outcome = {
         "verdict": "named" if named else "no discrepancy",
         "named": dict.fromkeys(named, 1.0),
