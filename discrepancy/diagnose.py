@@ -24,7 +24,7 @@ def posterior_of(
 ) -> tuple[tuple[Mistake, ...], RobotDiagnosis]:
     """Return the gross mistakes in logs, and what logs without these say by `posterior.finder.diagnose`."""
     undone = undo(robot, logs, held_out, clean)
-    return undone.checked.mistakes, _posterior(undone, material)
+    return undone.checked.mistakes, diagnosed(undone, material)
 
 
 @threadpool_limits.wrap(limits=1)
@@ -36,7 +36,11 @@ def examine(
     Residuals with the named effects are those of the robot file that is written, linearised afresh from the logs.
     """
     undone = undo(robot, logs, held_out, clean)
-    diagnosis = _posterior(undone, material)
+    return examined(undone, diagnosed(undone, material))
+
+
+def examined(undone: Undone, diagnosis: RobotDiagnosis) -> Examined:
+    """Return a diagnosis with all that its report holds."""
     seen = {"these logs": _fit(diagnosis, undone.logs, diagnosis.before)}
     if diagnosis.held_out is not None:
         seen["held-out logs"] = _fit(diagnosis, undone.held_out, diagnosis.held_out[0])
@@ -44,7 +48,8 @@ def examine(
     return Examined.of(undone, diagnosis, seen, drives)
 
 
-def _posterior(undone: Undone, material: Material) -> RobotDiagnosis:
+def diagnosed(undone: Undone, material: Material = MATERIAL) -> RobotDiagnosis:
+    """Return what logs without gross mistakes say."""
     logs, held_out, clean = (list(log_set.values()) for log_set in (undone.logs, undone.held_out, undone.clean))
     if undone.checked.slid:
         return unexamined(undone.robot, logs)

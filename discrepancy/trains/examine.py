@@ -7,6 +7,7 @@ import numpy as np
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import file_name
 from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.report.examined import Examined
 from discrepancy.report.plain_data import as_data
@@ -29,6 +30,13 @@ def examine_train(
     for given in (logs, held_out, clean):
         check_logs(given)
     diagnosis = diagnose_train(train, [*logs.values()], [*held_out.values()], [*clean.values()], material)
+    return examined(train, diagnosis, logs, held_out, clean)
+
+
+def examined(
+    train: TrainDescription, diagnosis: Diagnosis[TrainDescription, Linearised], logs: Logs, held_out: Logs, clean: Logs
+) -> Examined:
+    """Return a diagnosis of a train with the content of its report."""
     found = diagnosis.found if diagnosis.found != train else None
 
     seen, held = (diagnosis.before, None), None if diagnosis.held_out is None else (diagnosis.held_out[0], None)

@@ -12,11 +12,14 @@ from castor_envs.effects.catalogue import EFFECTS, catalogue
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.diagnose import posterior_of
+from discrepancy.diagnose import diagnosed, examined
 from discrepancy.hypotheses.candidates import family_of
 from discrepancy.posterior.answers import Answer, Verdict
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
+from discrepancy.preflight.undo import undo
+from discrepancy.report.examined import Examined
+from discrepancy.report.sentences import as_lines
 from discrepancy.trials.hidden import class_of
 from discrepancy.validation.cost import cost_of
 from estimators.calibration.identifiability import COVERAGE
@@ -104,8 +107,21 @@ class Said:
 
 
 def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
-    """Return the posterior's answer for a robot, its logs, held-out logs and clean logs, by their names."""
-    mistakes, found = posterior_of(robot, logs, held_out, clean)
+    """Return the finder's answer for a robot, its logs, held-out logs and clean logs, by their names."""
+    undone = undo(robot, logs, held_out, clean)
+    diagnosis = diagnosed(undone)
+    report(examined(undone, diagnosis))
+    return in_classes(robot, logs, undone.checked.mistakes, diagnosis.answers)
+
+
+def report(found: Examined) -> None:
+    """Make what people read of a diagnosis, so that a report that breaks down counts as the finder."""
+    as_lines(found.data)
+    found.page()
+
+
+def in_classes(robot: RobotDescription, logs: Logs, mistakes: Sequence[Mistake], answers: Sequence[Answer]) -> Said:
+    """Return gross mistakes and answers of the posterior as classes of effects."""
     classes = {family_of(effect): class_of(effect) for effect in catalogue(robot)}
 
     def class_named(family: str) -> str | None:
@@ -114,13 +130,13 @@ def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Sai
         return classes.get(family, name if name in EFFECTS else None)
 
     singles = _of_mistakes(mistakes)
-    for answer in found.answers:
+    for answer in answers:
         effect, size = answer.effect, None
         if effect is not None:
             cost = cost_of(robot, effect, list(logs.values())) if answer.verdict == "named" else None
             size = size_of(class_of(effect), effect, answer, cost)
         singles.append(Single.of(answer, class_named, size))
-    reasons = [*(mistake.what for mistake in mistakes), *(answer.reason for answer in found.answers)]
+    reasons = [*(mistake.what for mistake in mistakes), *(answer.reason for answer in answers)]
     undone = [effect for mistake in mistakes if not mistake.alternatives for effect in mistake.effects]
     said = Said.of(singles, "; ".join(reasons))
     return dataclasses.replace(said, effects=(*said.effects, *undone))

@@ -20,10 +20,11 @@ from castor_envs.vehicles.load import load_train
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer
 from discrepancy.trains.candidates import Candidate, named_candidates
+from discrepancy.trains.examine import examined
 from discrepancy.trains.linearise import linearise
 from discrepancy.trains.posterior import diagnose_train
 from discrepancy.trials.folder import LOGS, Settings, name_of
-from discrepancy.trials.said import Said, Single, Size, size_of
+from discrepancy.trials.said import Said, Single, Size, report, size_of
 from discrepancy.trials.trains.cases import draw
 from discrepancy.trials.trains.simulate import log_at_random
 from estimators.likelihood.trains.states import equations_of
@@ -76,11 +77,12 @@ class TrainPlan(Settings):
         }
 
     def answer(self, name: str, folder: Path) -> Said:
-        """Return the finder's answer on a case."""
+        """Return the finder's answer on a case. The report is made, too (see `said.say`)."""
         case = folder / "cases" / name
         train = TrainDescription.load(case / "train.json")
         log, held_out = (read_log(case / file, train) for file in LOGS)
         diagnosis = diagnose_train(train, [log], [held_out])
+        report(examined(train, diagnosis, {LOGS[0]: log}, {LOGS[1]: held_out}, {}))
         known = {candidate.what for candidate in diagnosis.before.candidates if candidate.kinds}
         singles = [
             Single.of(answer, lambda name: name if name in known else None, _size(answer))

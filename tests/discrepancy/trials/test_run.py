@@ -225,3 +225,17 @@ def test_the_gap_is_that_of_the_path_by_encoders_alone():
     assert after < min(before / 5, 2e-3)
     before, after = gap(jitter)
     assert after == before
+
+
+def test_a_report_that_breaks_down_counts_as_the_finder(tmp_path, monkeypatch):
+    plan = run.Plan(1, 3, "pymunk", ["differential"], 10.0)
+    trials.make(plan, tmp_path, jobs=1)
+
+    def broken(*_):
+        raise KeyError("size")
+
+    monkeypatch.setattr("discrepancy.report.sentences.sentence", broken)
+    trials._judge_case(plan, 1, tmp_path)
+    (outcome,) = [outcome for _, outcome in trials.judged(tmp_path)]
+    assert outcome["verdict"] == "broken"
+    assert "KeyError" in outcome["reason"]

@@ -1,7 +1,6 @@
 """What the finder says, in one form: classes, probabilities, credible sets and sizes."""
 
-from dataclasses import dataclass
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,8 +13,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate, family_of
 from discrepancy.posterior.answers import Answer
 from discrepancy.preflight import Mistake
-from discrepancy.trials import said as said_module
-from discrepancy.trials.said import Said, Single, say
+from discrepancy.trials.said import Said, Single, in_classes
 from estimators.calibration.identifiability import COVERAGE
 
 ROBOT = preset("asoc-prototype")
@@ -30,24 +28,18 @@ def answer(probabilities, credible, kind=None, verdict: Any = "named", amplitude
     return Answer(probabilities, credible, kind is None, candidate, *sizes, cost, verdict=verdict, reason="so")
 
 
-def posterior_says(monkeypatch, *answers, mistakes=()):
-    monkeypatch.setattr(said_module, "posterior_of", lambda *_: (mistakes, cast("Any", Answers(list(answers)))))
-    return say(ROBOT, {}, {}, {})
+def posterior_says(*answers, mistakes=()):
+    return in_classes(ROBOT, {}, mistakes, answers)
 
 
-@dataclass
-class Answers:
-    answers: list
+def test_no_answer_is_no_discrepancy():
+    assert posterior_says() == Said.of([]) == Said("no discrepancy")
 
 
-def test_no_answer_is_no_discrepancy(monkeypatch):
-    assert posterior_says(monkeypatch) == Said.of([]) == Said("no discrepancy")
-
-
-def test_a_single_name_is_sure_and_has_a_size(monkeypatch):
+def test_a_single_name_is_sure_and_has_a_size():
     told = {"track 1": 0.97, "wheel_radius 1 2": 0.02, "nothing": 0.01}
     sure = answer(told, ("track 1",), TRACK, covariance=[[1e-10]])
-    said = posterior_says(monkeypatch, sure)
+    said = posterior_says(sure)
     assert (said.verdict, said.named, said.credible, said.unnamed) == (
         "named",
         {"track 1": 0.97},
@@ -60,39 +52,37 @@ def test_a_single_name_is_sure_and_has_a_size(monkeypatch):
     assert said.effects == (TRACK,)
 
 
-def test_several_names_or_none_are_not_sure(monkeypatch):
+def test_several_names_or_none_are_not_sure():
     names, drift = ("track 1", "wheel_radius 1 2"), "wheel_1l drifts with time"
-    said = posterior_says(monkeypatch, answer(dict.fromkeys(names, 0.5), names, TRACK, "ambiguous"))
+    said = posterior_says(answer(dict.fromkeys(names, 0.5), names, TRACK, "ambiguous"))
     assert (said.verdict, said.named, said.sizes) == ("ambiguous", {}, ())
-    said = posterior_says(
-        monkeypatch, answer({drift: 0.9, "wheel_1l jumps at 3.0 s": 0.1}, (drift,), None, "unexplained")
-    )
+    said = posterior_says(answer({drift: 0.9, "wheel_1l jumps at 3.0 s": 0.1}, (drift,), None, "unexplained"))
     assert (said.verdict, said.credible, said.unnamed, said.probabilities) == ("unexplained", ((),), True, {})
     mixed = answer({"track 1": 0.5, drift: 0.5}, ("track 1", drift), TRACK, "ambiguous")
-    said = posterior_says(monkeypatch, mixed)
+    said = posterior_says(mixed)
     assert (said.verdict, said.credible, said.unnamed) == ("ambiguous", (("track 1",),), True)
 
 
-def test_probabilities_of_several_answers_add_up_as_of_independent_ones(monkeypatch):
+def test_probabilities_of_several_answers_add_up_as_of_independent_ones():
     first, second = (answer({"track 1": one, "nothing": 1 - one}, ("track 1",), TRACK) for one in (0.5, 0.8))
-    assert posterior_says(monkeypatch, first, second).probabilities == pytest.approx({"track 1": 0.9})
+    assert posterior_says(first, second).probabilities == pytest.approx({"track 1": 0.9})
 
 
-def test_a_wave_has_an_error_along_its_phase(monkeypatch):
+def test_a_wave_has_an_error_along_its_phase():
     wave = WheelEccentricity(castor=1, wheel=1, value=5e-3, phase=float(np.arctan2(4, 3)))
     covariance = np.outer([4, -3], [4, -3]) * 1e-8 + np.outer([3, 4], [3, 4]) / 25 * 1e-10
     told = answer({family_of(wave): 1.0}, (family_of(wave),), wave, amplitudes=[3e-3, 4e-3], covariance=covariance)
-    (size,) = posterior_says(monkeypatch, told).sizes
+    (size,) = posterior_says(told).sizes
     assert size["high"] == pytest.approx(5e-3 + COVERAGE * 1e-5)
 
 
-def test_names_at_a_place_on_the_floor_are_of_their_class(monkeypatch):
+def test_names_at_a_place_on_the_floor_are_of_their_class():
     bump = Bump(x=0.12, y=0.3, direction=1.5, value=2e-3)
-    assert posterior_says(monkeypatch, answer({family_of(bump): 1.0}, (family_of(bump),), bump)).named == {"bump": 1.0}
+    assert posterior_says(answer({family_of(bump): 1.0}, (family_of(bump),), bump)).named == {"bump": 1.0}
 
 
-def test_what_is_negligible_is_not_sure(monkeypatch):
-    said = posterior_says(monkeypatch, answer({"track 1": 1.0}, ("track 1",), TRACK, "negligible"))
+def test_what_is_negligible_is_not_sure():
+    said = posterior_says(answer({"track 1": 1.0}, ("track 1",), TRACK, "negligible"))
     assert (said.verdict, said.named, said.credible, said.effects) == ("negligible", {}, (("track 1",),), ())
 
 
@@ -102,10 +92,10 @@ def test_the_whole_is_as_sure_as_its_weakest_part():
         assert Said.of(list(parts.values())[:fewer]).verdict == expected
 
 
-def test_wiring_is_named_unless_it_may_be_something_else(monkeypatch):
+def test_wiring_is_named_unless_it_may_be_something_else():
     swapped = EncodersSwapped(castor=1)
-    said = posterior_says(monkeypatch, mistakes=(Mistake("so", (swapped,)),))
+    said = posterior_says(mistakes=(Mistake("so", (swapped,)),))
     assert (said.verdict, said.named, said.sizes) == ("named", {"encoders_swapped 1": 1.0}, ())
     assert said.effects == (swapped,)
-    said = posterior_says(monkeypatch, mistakes=(Mistake("so", (swapped,), ("or not",)),))
+    said = posterior_says(mistakes=(Mistake("so", (swapped,), ("or not",)),))
     assert (said.verdict, said.named, said.effects) == ("ambiguous", {}, ())
