@@ -23,8 +23,8 @@ SCATTER = 0.2
 clean logs each of seven bases with redundant encoders (MuJoCo, wander, 60 s) it is 0.02 to 0.16 along."""
 
 RESOLVED = 1e-4
-"""Least noise that is compared: m after 1 m, m and rad. Below it the rounding of counts hides slip, so that logs do not
-show how much there is; they count as having this much."""
+"""Least noise that is compared: m after 1 m or 1 rad, m and rad. Below it the rounding of counts hides slip, so that
+logs do not show how much there is; they count as having this much."""
 
 LEVEL = np.log(RESOLVED) + 0.15 * np.arange(60)
 BELOW = LEVEL[0] - 0.3 * np.arange(6, 0, -1)
@@ -36,6 +36,7 @@ the most that logs can be fitted with (0.3 rad); levels below that; scatter; and
 KINDS = {
     "along": "wheels roll {} times less regularly than in the clean logs",
     "across": "wheels slide sideways {} times less regularly than in the clean logs",
+    "turning": "contacts that motors turn on the floor slip {} times less regularly than in the clean logs",
     "position": "positions of the reference scatter {} times as much as in the clean logs",
     "heading": "headings of the reference scatter {} times as much as in the clean logs",
 }
@@ -46,8 +47,8 @@ REFERENCE = ("position", "heading")
 
 
 class Found(NamedTuple):
-    """Noise of one kind in one log: variance (m^2 after 1 m of slip, m^2 or rad^2 of the reference), and the degrees of
-    freedom that determine it."""
+    """Noise of one kind in one log: variance (m^2 of slip after 1 m, or after 1 rad of turning, m^2 or rad^2 of the
+    reference), and the degrees of freedom that determine it."""
 
     variance: float
     freedom: float
@@ -108,7 +109,8 @@ def log_bayes_factor(logs: Sequence[Found], clean: Sequence[Found]) -> float:
 
 
 def noise_of(seen: Linearised) -> list[dict[str, Found]]:
-    """Return the noise of each kind in each log, by all its residuals; of a log without a reference, none of it."""
+    """Return the noise of each kind in each log, by all its residuals; none of the reference in a log without one, nor
+    of turning where no motor steers."""
     found = []
     for design in seen.designs:
         unchanged = stacked(design.geometry, [])
@@ -134,8 +136,10 @@ def _cost(seen: Linearised, kind: str, variance: float) -> Array:
         return np.sqrt(variance) * (np.array(REFERENCE) == kind)
     random, slipped = np.random.default_rng(0), []
     for design in seen.designs:
-        rolled = np.abs(design.model.rolled(design.geometry, design.state))
-        rows = (design.model.rows < len(design.geometry.radius)) == (kind == "along")
-        drawn = random.normal(size=(*rolled.shape, PROBES)) * np.sqrt(variance * rolled * rows)[..., None]
-        slipped.append(drawn)
+        if kind == "turning":
+            way = design.model.turned(design.geometry, design.state)
+        else:
+            way = np.abs(design.model.rolled(design.geometry, design.state))
+            way *= (design.model.rows < len(design.geometry.radius)) == (kind == "along")
+        slipped.append(random.normal(size=(*way.shape, PROBES)) * np.sqrt(variance * way)[..., None])
     return seen.cost_of_slips(slipped)

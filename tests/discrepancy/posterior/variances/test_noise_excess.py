@@ -24,6 +24,7 @@ from discrepancy.posterior.variances.noise_excess import (
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
 from estimators.calibration.maximum_likelihood.noise import MOST
+from tests.estimators.likelihood import test_turning_slip
 
 USUAL = 3e-4
 ROBOT = preset("differential")
@@ -111,6 +112,23 @@ def test_a_reference_that_scatters_more_than_in_clean_logs_costs_its_noise(kind,
     position, heading = answer.size * answer.cost
     assert (position, heading)[kind == "heading"] == pytest.approx(answer.size, rel=0.1)
     assert (position, heading)[kind == "position"] == 0
+
+
+def test_a_wheel_that_slips_more_as_it_is_steered_than_in_clean_logs_costs_its_slip():
+    robot = test_turning_slip.ROBOT
+    clean, faulty = (
+        [test_turning_slip.driven(seed, 1e-3, turning) for seed in seeds]
+        for seeds, turning in (((1, 2, 3), 1e-3), ((4,), 8e-3))
+    )
+    as_usual, more = (linearise(robot, logs, among=()) for logs in (clean, faulty))
+    (answer,) = noisy_answers(more, None, noise_of(as_usual))
+    assert answer.credible[0].startswith(KINDS["turning"].partition("{}")[0])
+    assert answer.size == pytest.approx(8e-3, rel=0.2)
+    assert answer.size * answer.cost[0] > 1e-3
+    assert (
+        noisy_answers(linearise(robot, [test_turning_slip.driven(5, 1e-3, 1e-3)], among=()), None, noise_of(as_usual))
+        == []
+    )
 
 
 def test_a_reference_that_scatters_as_usual_or_without_clean_logs_to_compare_is_no_news():
