@@ -33,7 +33,8 @@ def modules_of(package: str) -> tuple[ModuleType, ...]:
 def imported_names(source: bytes, package: str) -> frozenset[str]:
     """Return the full names of everything that a module of a package may import, according to its source.
 
-    Of ``from a import b`` both ``a`` and ``a.b``: `b` may be a module. Empty for what is not Python source.
+    Of ``from a import b`` both ``a`` and ``a.b``: `b` may be a module. Of ``import_module("a")`` and ``__import__("a")``
+    those whose name stands there as a text. Empty for what is not Python source.
     """
     try:
         tree = ast.parse(source)
@@ -48,4 +49,19 @@ def imported_names(source: bytes, package: str) -> frozenset[str]:
             if node.level:
                 base = importlib.util.resolve_name("." * node.level + base, package)
             names |= {base, *(f"{base}.{alias.name}" for alias in node.names)}
+        elif isinstance(node, ast.Call):
+            names |= _names_called(node, package)
     return frozenset(names)
+
+
+def _names_called(node: ast.Call, package: str) -> set[str]:
+    """Return what a call imports by its name; nothing of a call of anything else, and of a name that is computed."""
+    function = getattr(node.func, "attr", getattr(node.func, "id", None))
+    name = node.args[0] if node.args and function in ("import_module", "__import__") else None
+    if not (isinstance(name, ast.Constant) and isinstance(name.value, str)):
+        return set()
+    try:
+        full = importlib.util.resolve_name(name.value, package)
+    except ImportError:  # relative to no package
+        return set()
+    return {full} if all(part.isidentifier() for part in full.split(".")) else set()

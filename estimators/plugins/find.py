@@ -18,9 +18,7 @@ from typing import Any, NamedTuple
 from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean, one_line
 from estimators.plugins import parameters
-from estimators.plugins.source_hash import source_files, source_hash
-
-_FOLDERS: set[Path] = set()  # of plug-in files, which may import their neighbours
+from estimators.plugins.source_hash import PLUG_IN_FOLDERS, source_files, source_hash
 
 
 @dataclass(frozen=True)
@@ -162,7 +160,7 @@ def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> tupl
     folder = path.resolve().parent
     if str(folder) not in sys.path:
         sys.path.append(str(folder))
-    _FOLDERS.add(folder)
+    PLUG_IN_FOLDERS.add(folder)
     module = ModuleType(f"castor_plugin_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}")
     module.__file__ = str(path.resolve())
 
@@ -176,7 +174,7 @@ def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> tupl
     kind = _class_in(module, class_name, str(path)) if class_name else _only_class(module, path, role)
     for file, name in source_files(kind).items():
         loaded = getattr(sys.modules.get(name), "__file__", None) or file
-        if Path(loaded).resolve() != file and Path(loaded).parent.resolve() in _FOLDERS:
+        if Path(loaded).resolve() != file and Path(loaded).parent.resolve() in PLUG_IN_FOLDERS:
             raise InputError(f"{path}: imports {name!r}, and another plug-in has loaded {loaded} as that; rename one")
     return _plug_in(f"{path.stem}:{kind.__name__}", spec, kind, role)
 
