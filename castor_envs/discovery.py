@@ -33,8 +33,8 @@ def modules_of(package: str) -> tuple[ModuleType, ...]:
 def imported_names(source: bytes, package: str) -> frozenset[str]:
     """Return the full names of everything that a module of a package may import, according to its source.
 
-    Of ``from a import b`` both ``a`` and ``a.b``: `b` may be a module. Of ``import_module("a")`` and ``__import__("a")``
-    those whose name stands there as a text. Empty for what is not Python source.
+    Of ``from a import b`` both ``a`` and ``a.b``: `b` may be a module. Of ``import_module("a")`` and
+    ``__import__("a")`` names that stand there as a text. Empty for what is not Python source.
     """
     try:
         tree = ast.parse(source)

@@ -95,7 +95,7 @@ def run(
         if cluster is not None:
             stack.callback(cluster.close)
         missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress, cluster)
-    board = boards.build(choice.tasks, results, cases, missing, choice.sources, choice.left_out)
+    board = boards.build(choice.tasks, results, cases, missing, choice.left_out)
     detailed = len(choice.tasks) <= MOST_DETAILED
     shown = [task.name for task in choice.tasks] if detailed else []
     again = shlex.join(["castor-bench", "leaderboard", *shown, "--results", str(results)])

@@ -10,6 +10,7 @@ import numpy as np
 
 from benchmarks.leaderboard.ranking import Interval, intervals, ranks
 from benchmarks.results.archives import CorruptFileError
+from benchmarks.results.asked import Asked, asked, latest_source
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.references import CEILING, FLOOR, reference_store
 from benchmarks.results.rows import DECLINED, ResultsStore, RowSummary, UpdateCost
@@ -43,7 +44,8 @@ class Entry:
 
     rank: None if it failed or lacks cases, so that failing on hard cases never helps, or if it `stands_still`: its ATE
     is no better than that of the constant start pose, which has a small end error where a robot returns to its start.
-    scores: by metric, over the `done` cases. lacking: cases of the board without a row of this estimator.
+    scores: by metric, over the `done` cases. lacking: cases of the board without a row of this estimator. spec: what
+    named it in the last run, None where that is not known.
     """
 
     rank: int | None
@@ -55,6 +57,7 @@ class Entry:
     failed: tuple[FailedCases, ...]
     lacking: tuple[Case, ...]
     stands_still: bool
+    spec: str | None = None
 
     @property
     def shown(self) -> str:
@@ -119,14 +122,13 @@ def build(
     results: Path,
     cases: int | None = None,
     missing: Mapping[str, str] | None = None,
-    sources: Mapping[str, str] | None = None,
     left_out: Mapping[str, Sequence[DeclinedEstimator]] | None = None,
 ) -> Leaderboard:
     """Return the leaderboard of some tasks from a results folder.
 
     cases: number of cases of each task to look at, from the first; None: all cases that have a row. missing: why tasks
-    could not be run, by name, in addition to the reasons that tasks state. sources: source hash by estimator; of an
-    estimator not in it, the source with the newest row is shown. left_out: estimators that a run left out, by task.
+    could not be run, by name, in addition to the reasons that tasks state. left_out: estimators that a run left out, by
+    task. Of an estimator with several sources the one that a run asked for last is shown.
     """
     store, episodes, refused_episodes = ResultsStore(results), EpisodeStore(results), []
     boards = []
@@ -139,7 +141,8 @@ def build(
         recorded = _recorded(task, [row.case for row in rows], episodes, refused_episodes)
         references = sorted(reference_store(results).summaries(task.name, task.version), key=_by_case)
         left = (left_out or {}).get(task.name, ())
-        boards.append(_board(task, rows, references, store, recorded, reason, sources or {}, left))
+        last = asked(store.of_task(task.name, task.version))
+        boards.append(_board(task, rows, references, store, recorded, reason, last, left))
     current = {task.name: task.version for task in tasks}
     other_versions = tuple(
         (name, version) for name, version in store.versions() if current.get(name, version) != version
@@ -198,7 +201,7 @@ def _board(
     store: ResultsStore,
     recorded: dict[Case, str],
     missing: str | None,
-    current: Mapping[str, str],
+    last: Mapping[str, Asked],
     left_out: Sequence[DeclinedEstimator],
 ) -> TaskBoard:
     by_source: dict[str, dict[str, list[RowSummary]]] = defaultdict(lambda: defaultdict(list))
@@ -207,9 +210,7 @@ def _board(
             by_source[row.estimator][row.source_hash].append(row)
     newest, superseded = {}, []
     for name, sources in sorted(by_source.items()):
-        latest = current.get(name)
-        if latest not in sources:
-            latest = max(sources, key=lambda source: max(row.created for row in sources[source]))
+        latest = latest_source((row for of in sources.values() for row in of), last.get(name))
         newest[name] = sources[latest]
         superseded += [(name, source, len(source_rows)) for source, source_rows in sources.items() if source != latest]
     declining = [name for name, entry_rows in newest.items() if all(row.refusal is not None for row in entry_rows)]
@@ -230,7 +231,7 @@ def _board(
     placed = ranks(ranking, BOARD_METRICS[task.metric].rounding)
     whole = _whole(references, {case: recorded[case] for case in cases})
     entries = [
-        _entry(task, name, _with_attained(task, entry_rows, whole), placed.get(name), cases, store)
+        _entry(task, name, _with_attained(task, entry_rows, whole), placed.get(name), cases, store, last.get(name))
         for name, entry_rows in newest.items()
     ]
     beside = {name: _entry(task, name, of, None, cases, store) for name, of in whole.items()}
@@ -284,7 +285,13 @@ def _with_attained(task: Task, rows: list[RowSummary], references: dict[str, lis
 
 
 def _entry(
-    task: Task, name: str, rows: list[RowSummary], rank: int | None, cases: tuple[Case, ...], store: ResultsStore
+    task: Task,
+    name: str,
+    rows: list[RowSummary],
+    rank: int | None,
+    cases: tuple[Case, ...],
+    store: ResultsStore,
+    last: Asked | None = None,
 ) -> Entry:
     good = [row for row in rows if row.failure is None]
     reasons: dict[str, list[Case]] = defaultdict(list)
@@ -310,6 +317,7 @@ def _entry(
         ),
         lacking=tuple(case for case in cases if case not in present),
         stands_still=_stands_still(good),
+        spec=last.spec if last is not None and last.source_hash == source_hash else None,
     )
 
 

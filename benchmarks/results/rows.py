@@ -4,6 +4,7 @@
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/time.json     the CPU time of an update in this task
     RESULTS/references/...                                                the same; see `references`
     RESULTS/rows/<task>@<version>/summary.json  what boards need of its rows; see `kept`
+    RESULTS/rows/<task>@<version>/asked.json    which of them the last run asked for; see `asked`
     RESULTS/episodes/...                                                  see `episodes`
 
 A row holds for one task version, one estimator's source and one recorded episode (by its digest, which covers the
@@ -157,9 +158,13 @@ class ResultsStore:
         self.corrupt: list[CorruptFileError] = []
         self.older_formats: set[str] = set()
 
+    def of_task(self, task: str, version: int) -> Path:
+        """Return the folder of a task's rows."""
+        return self.root / f"{task}@{version}"
+
     def folder(self, task: str, version: int, estimator: str, source_hash: str) -> Path:
         """Return the folder of an estimator's rows in a task."""
-        return self.root / f"{task}@{version}" / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', estimator)}-{source_hash}"
+        return self.of_task(task, version) / f"{re.sub(r'[^A-Za-z0-9_.-]', '_', estimator)}-{source_hash}"
 
     def path(self, task: str, version: int, estimator: str, source_hash: str, case: Case) -> Path:
         """Return the file of a row."""
@@ -194,7 +199,7 @@ class ResultsStore:
 
     def rows(self, task: str, version: int) -> Iterator[Row]:
         """Yield all rows of a task version, estimator by estimator."""
-        for path in sorted((self.root / f"{task}@{version}").glob("*/*.npz")):
+        for path in sorted(self.of_task(task, version).glob("*/*.npz")):
             if not path.name.startswith("."):
                 row = self._read(path, task, version)
                 if row is not None:
@@ -210,7 +215,7 @@ class ResultsStore:
             row = self._read(path, task, version)
             return None if row is None else [getattr(row, name) for name in _SUMMARISED]
 
-        kept = kept_beside(self.root / f"{task}@{version}", SUMMARY_FORMAT, read)
+        kept = kept_beside(self.of_task(task, version), SUMMARY_FORMAT, read)
         return [RowSummary(task, version, *stored) for _, _, *stored in kept.values()]
 
     def versions(self) -> list[tuple[str, int]]:

@@ -36,11 +36,6 @@ class Choice:
     named: tuple[Competitor, ...]
     left_out: dict[str, list[boards.DeclinedEstimator]]
 
-    @property
-    def sources(self) -> dict[str, str]:
-        """The source hash of every estimator and method of the plan."""
-        return {entry.name: entry.source_hash for assignment in self.plan for entry in assignment.estimators}
-
 
 def choose(
     names: Sequence[str],

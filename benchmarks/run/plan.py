@@ -11,6 +11,7 @@ from pathlib import Path
 
 from benchmarks.progress import RunProgress, SilentProgress
 from benchmarks.results.archives import CorruptFileError
+from benchmarks.results.asked import Asked, keep_asked, shown_spec
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import (
@@ -93,6 +94,8 @@ class _Run:
         needed = [(a.task, case) for a in plan for case in a.cases if self._to_record(a, case)]
         problems = record_missing(self.results, needed, self.processes, self.progress, self.cluster)
         plan = [assignment for assignment in plan if assignment.task.name not in problems]
+        for assignment in plan:
+            self._keep_asked(assignment)
         lacking = [self._lacking(assignment) for assignment in plan]
         rows = sum(len(entries) for cases in lacking for entries in cases.values())
         self.progress.start("running estimators", rows)
@@ -108,6 +111,13 @@ class _Run:
         if self.rows.older_formats:
             self.progress.warn(older_rows(self.rows.older_formats, self.rows.root, "have been computed again"))
         return {**missing, **problems}
+
+    def _keep_asked(self, assignment: Assignment) -> None:
+        """Keep which versions of estimators are asked for, so that boards show these, computed now or before."""
+        folder = self.rows.of_task(assignment.task.name, assignment.task.version)
+        of = {entry.name: Asked(entry.source_hash, shown_spec(entry.spec)) for entry in assignment.estimators}
+        with writing(f"--results {self.results}"):
+            keep_asked(folder, of)
 
     def _to_record(self, assignment: Assignment, case: Case) -> bool:
         """Return whether a case's episode is needed and missing, or was recorded by another version of the world."""

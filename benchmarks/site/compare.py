@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.leaderboard.ranking import FEWEST_CASES, Interval, different, interval
+from benchmarks.results.asked import Asked, asked, latest_source
 from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.run.choose import entries_named
 from benchmarks.scoring.metric import Metric
@@ -34,18 +35,18 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two: the name that rows have, and the source hash or its beginning; None: the newest of each task."""
+    """One of the two: the name that rows have, and the source hash or its beginning; None: the one on the board."""
 
     name: str
     source: str | None = None
 
-    def rows(self, rows: Sequence[Row]) -> dict[Case, Row]:
-        """Return its rows of a task by case, all of one source."""
+    def rows(self, rows: Sequence[Row], last: Mapping[str, Asked]) -> dict[Case, Row]:
+        """Return its rows of a task by case, all of one source. last: what runs asked for last."""
         found = [row for row in rows if row.estimator == self.name and row.source_hash.startswith(self.source or "")]
         if not found:
             return {}
-        newest = max(found, key=lambda row: row.origin.created).source_hash
-        return {row.case: row for row in found if row.source_hash == newest}
+        source = latest_source(found, last.get(self.name))
+        return {row.case: row for row in found if row.source_hash == source}
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,8 @@ class TaskDifference:
     """The first less the second on one task, over the cases (n,) that both have scores of.
 
     labels: what to call both. means: of both. difference: paired, with its interval; negative where the first is
-    better. by_case: the difference of every case, in SI. failed: how many cases each failed.
+    better. by_case: the difference of every case, in SI. failed: how many cases each failed. specs: what named both in
+    the last run, None where that is not known.
     """
 
     task: Task
@@ -65,6 +67,7 @@ class TaskDifference:
     by_case: dict[Case, float]
     failed: tuple[int, int]
     rows: tuple[dict[Case, Row], dict[Case, Row]]
+    specs: tuple[str | None, str | None]
 
     @property
     def most(self) -> list[Case]:
@@ -81,7 +84,7 @@ def rows_by_task(tasks: Sequence[Task], results: Path) -> dict[str, list[Row]]:
 def side_of(text: str, stored: Mapping[str, Sequence[Row]], results: Path, timeout: float) -> Side:
     """Return the side that a text names: a name or the spec of a plug-in, with parameters, each with @HASH or without.
 
-    HASH: the beginning of its source's hash; without, the newest of a name, and a plug-in as it is now.
+    HASH: the beginning of its source's hash; without, of a name the one on the board, and a plug-in as it is now.
 
     timeout: s, that a plug-in may take to be loaded. Raises InputError for what has no rows.
     """
@@ -120,15 +123,18 @@ def compare(
         )
     found = []
     for task in tasks:
-        sides = (first.rows(stored[task.name]), second.rows(stored[task.name]))
-        if all(sides) and (of := _difference(task, sides)) is not None:
+        rows, last = stored[task.name], asked(ResultsStore(results).of_task(task.name, task.version))
+        sides = (first.rows(rows, last), second.rows(rows, last))
+        if all(sides) and (of := _difference(task, sides, last)) is not None:
             found.append(of)
     if not found:
         raise InputError(f"{first.name!r} and {second.name!r} have no cases in common in {results}; run both on a task")
     return found
 
 
-def _difference(task: Task, sides: tuple[dict[Case, Row], dict[Case, Row]]) -> TaskDifference | None:
+def _difference(
+    task: Task, sides: tuple[dict[Case, Row], dict[Case, Row]], last: Mapping[str, Asked]
+) -> TaskDifference | None:
     a, b = sides
     metric = BOARD_METRICS[task.metric]
     cases = [
@@ -159,7 +165,14 @@ def _difference(task: Task, sides: tuple[dict[Case, Row], dict[Case, Row]]) -> T
         dict(zip(cases, off.tolist(), strict=True)),
         (sum(row.failure is not None for row in a.values()), sum(row.failure is not None for row in b.values())),
         sides,
+        (_spec(a, last), _spec(b, last)),
     )
+
+
+def _spec(side: dict[Case, Row], last: Mapping[str, Asked]) -> str | None:
+    row = next(iter(side.values()))
+    known = last.get(row.estimator)
+    return known.spec if known is not None and known.source_hash == row.source_hash else None
 
 
 def _labels(a: Row, b: Row) -> tuple[str, str]:

@@ -90,7 +90,12 @@ def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path) 
                     write_atomically(partial / "cases" / name, page)
                 links.append((case, signed(of, of.by_case[case]), f"cases/{name}" if page is not None else None))
             linked.append({"of": of, "difference": difference(of), "cases": links, "css": _class(of.verdict)})
-        commands = [run_command(of.task.name, label) for of in found for label in of.labels if "@" not in label]
+        commands = [
+            run_command(of.task.name, label, odometry_of(of.task) is not None, spec)
+            for of in found
+            for label, spec in zip(of.labels, of.specs, strict=True)
+            if "@" not in label
+        ]
         text = render(
             FOLDER,
             "compare.html",
@@ -111,13 +116,14 @@ def _case_page(of: TaskDifference, case: Case, stored: StoredCases) -> str | Non
     if not drives:
         return None
     of_methods = odometry_of(of.task) is not None
+    specs = {row.estimator: spec for row, spec in zip(rows.values(), of.specs, strict=True)}
     return page_of(
         Shown(
             title=f"{of.task.title}, case {case}",
             subtitle=f"{of.labels[0]} against {of.labels[1]}: {signed(of, of.by_case[case])} in {of.metric.title}",
             drives=drives,
             scores={label: row.scores for label, row in rows.items()},
-            commands=[show_command(of.task.name, case, tuple(row.estimator for row in rows.values()), of_methods)],
+            commands=[show_command(of.task.name, case, specs, of_methods)],
             origin={f"{label}, source": row.source_hash for label, row in rows.items()}
             | {"episode": next(iter(rows.values())).episode},
         ),

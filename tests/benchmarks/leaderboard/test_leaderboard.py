@@ -10,6 +10,7 @@ from rich.console import Console
 
 from benchmarks.leaderboard.board import build
 from benchmarks.leaderboard.views import as_json, as_markdown, print_leaderboard
+from benchmarks.results.asked import ASKED, Asked, keep_asked
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import ResultsStore, Row, UpdateCost
@@ -87,7 +88,22 @@ def test_edited_sources_are_not_mixed(board):
     (shown,) = build([board.task], board.results).boards
     assert [(entry.source_hash, entry.done) for entry in shown.entries] == [("b" * 16, 8)]
     assert shown.superseded == (("mine", "a" * 16, 5),)
-    assert board.entries(sources={"mine": "a" * 16})["mine"].done == 5
+
+
+def test_the_version_that_was_asked_for_last_is_shown(board):
+    """Not the one with the newest rows: a run that finds all its rows computes none."""
+    board.put("mine", HARD, "a" * 16, created=2021)
+    board.put("mine", HARD[:5], "b" * 16, created=2022, cases=range(5))
+    folder = board.store.of_task("arcs", 1)
+    assert board.entries()["mine"].spec is None
+    for source, done in (("a" * 16, 8), ("b" * 16, 5), ("a" * 16, 8)):
+        keep_asked(folder, {"mine": Asked(source, "f/mine.py"), "another": Asked("c" * 16)})
+        assert (board.entries()["mine"].done, board.entries()["mine"].spec) == (done, "f/mine.py")
+    keep_asked(folder, {"mine": Asked("c" * 16, "mine.py")})  # which has no rows yet
+    assert (board.entries()["mine"].done, board.entries()["mine"].spec) == (5, None)
+    for text in ("", "[]", '{"format": "castor-asked/1"}', '{"format": "castor-asked/1", "estimators": {"mine": 1}}'):
+        (folder / ASKED).write_text(text)
+        assert board.entries()["mine"].done == 5
 
 
 def test_rows_of_another_recording_or_version_are_not_mixed(board, fake_tasks):

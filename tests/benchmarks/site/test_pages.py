@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.cli import app
 from benchmarks.leaderboard.board import build
+from benchmarks.results.asked import Asked, keep_asked
 from benchmarks.site.pages import write_site
 from castor_envs.cli.commands import imported
 from castor_envs.errors import InputError
@@ -97,6 +98,27 @@ def test_commands_that_a_page_names_are_commands(site, stored_results):
         script, command, *arguments = shlex.split(line)
         assert script == "castor-bench"
         commands[command].make_context(command, arguments).close()
+
+
+def test_a_row_is_repeated_by_what_was_asked_for(fake_tasks, stored_results, tmp_path):
+    """With the folder of a file as it was named; where that is not known, the page says so."""
+    results, specs = stored_results.Results(tmp_path / "results", fake_tasks.Arcs()), {}
+    for name, spec in (("e:Mine", "f2/e.py"), ("pkg.rel:Mine", "pkg.rel:Mine"), ("old:Mine", None)):
+        results.put(name, stored_results.HARD)
+        specs[name] = Asked("a" * 16, spec)
+    keep_asked(results.store.of_task("arcs", 1), specs)
+    write_site(build([results.task], results.folder), results.folder, tmp_path / "site")
+    for name, shown, said in (
+        ("e:Mine", "f2/e.py", "Files are named from the folder in which the run was made."),
+        ("pkg.rel:Mine", "pkg.rel:Mine", None),
+        ("old:Mine", "old.py:Mine", "In which folder this file was when the run was made is not stored"),
+    ):
+        page = row_page(tmp_path / "site", name).read_text(encoding="utf-8")
+        lines = re.findall(r"castor-bench .*", page)
+        assert len(lines) == 5
+        assert all(re.search(rf"--estimator {re.escape(shown)}(?!\S)", line.split("<")[0]) for line in lines)
+        sentences = [text for text in ("Files are named", "In which folder") if text in page]
+        assert sentences == ([] if said is None else [" ".join(said.split()[:3])])
 
 
 def test_the_library_that_draws_is_named_with_its_licence(site):

@@ -22,7 +22,7 @@ IMPORTS = {
     "of a package without a file of its own": "from shared_space.deep import gains\n",
     "within a function": "def later():\n    import shared_gains\n",
     "by import_module": "import importlib\nGAINS = importlib.import_module('shared_gains')\n",
-    "by import_module alone": "from importlib import import_module\nGAINS = import_module('shared_package.deep.gains')\n",
+    "by import_module alone": "from importlib import import_module\nimport_module('shared_package.deep.gains')\n",
     "by __import__": "GAINS = __import__('shared_gains')\n",
 }
 
