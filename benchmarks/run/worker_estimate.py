@@ -310,9 +310,14 @@ def _follow(
 
 def _pose(answer: Any, shape: tuple[int, ...], stage: str) -> Array:
     try:
-        pose = np.asarray(answer, dtype=float)
+        given = np.asarray(answer)
+        if given.dtype.kind not in "fiubOc":  # NumPy would read texts as numbers
+            raise TypeError
+        pose = np.real(given).astype(float, copy=False)
     except (TypeError, ValueError):
         raise FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {stage}") from None
+    if np.iscomplexobj(given):
+        raise FailedError(f"returned complex numbers instead of {shape} real ones {stage}")
     if pose.shape != shape:
         raise FailedError(f"returned shape {pose.shape} instead of {shape} {stage}")
     return pose

@@ -23,9 +23,12 @@ def covariance_of(estimator: Any, shape: tuple[int, ...]) -> Array | None:
         return None
     expected = (*shape, 3)
     try:
-        covariance = np.array(given, dtype=float)
+        found = np.array(given)
+        covariance = np.real(found).astype(float)
     except (TypeError, ValueError):
         raise ValueError(f"covariance is of type {type(given).__name__} instead of {expected} numbers") from None
+    if np.iscomplexobj(found):
+        raise ValueError(f"covariance has complex numbers instead of {expected} real ones")
     if covariance.shape != expected:
         raise ValueError(f"covariance has shape {covariance.shape} instead of {expected}")
     return covariance

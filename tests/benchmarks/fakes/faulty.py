@@ -43,6 +43,21 @@ class ReturnsText(Good):
         return "lost"
 
 
+class ReturnsComplex(Good):
+    def fail(self):
+        return self.pose + 5j
+
+
+class ReturnsDigits(Good):
+    def fail(self):
+        return np.array(["1", "2", "3"])
+
+
+class Interrupts(Good):
+    def fail(self):
+        raise KeyboardInterrupt
+
+
 class Overflows(Good):
     def update(self, observation):
         return np.full(3, 1e300)

@@ -21,6 +21,10 @@ class OfOneNumber(Unsure):
     covariance = 0.01
 
 
+class OfComplexNumbers(Unsure):
+    covariance = np.diag([0.01, 0.01, 0.01]) + 1j
+
+
 class Negative(Unsure):
     covariance = np.diag([0.01, -0.01, 0.01])
 

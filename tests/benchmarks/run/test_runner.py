@@ -24,6 +24,7 @@ GIB = MOST_MEMORY / 2**30
 FAULTY = (
     *("Raises", "ReturnsNaN", "WrongShape", "ReturnsText", "Overflows", "Exits", "Dies", "Hangs", "Refuses"),
     *("CannotBeMade", "LooksForTruth", "RaisesInReset", "TakesMemory", "Prints", "Forks"),
+    *("ReturnsComplex", "ReturnsDigits", "Interrupts"),
 )
 
 
@@ -59,9 +60,9 @@ def all_sorts(tmp_path_factory, fake_tasks, plugin, one_owner):
 
 def test_every_estimator_has_a_row_for_every_case(all_sorts):
     _, _, rows, heard = all_sorts
-    assert len(rows) == 19 * 2
+    assert len(rows) == 22 * 2
     assert heard.stages["recording episodes"] == 2
-    assert heard.stages["running estimators"] == 19 * 2
+    assert heard.stages["running estimators"] == 22 * 2
 
 
 @pytest.mark.parametrize(
@@ -71,6 +72,9 @@ def test_every_estimator_has_a_row_for_every_case(all_sorts):
         ("ReturnsNaN", "returned NaN or infinity at sample 7 of run 1"),
         ("WrongShape", "returned shape (2,) instead of (3,) in update at sample 7 of run 1"),
         ("ReturnsText", "returned str instead of (3,) numbers in update at sample 7 of run 1"),
+        ("ReturnsComplex", "returned complex numbers instead of (3,) real ones in update at sample 7 of run 1"),
+        ("ReturnsDigits", "returned ndarray instead of (3,) numbers in update at sample 7 of run 1"),
+        ("Interrupts", "raised KeyboardInterrupt in update at sample 7 of run 1"),
         ("Overflows", "returned poses too large to be scored"),
         ("Exits", "raised SystemExit: 0 in update at sample 7 of run 1"),
         ("Dies", "ended its process (exit code 0)"),

@@ -131,6 +131,7 @@ def test_rows_of_others_hold_neither(tmp_path, fake_tasks, plugin, jobs_here):
     ("name", "reason"),
     [
         ("OfOneNumber", "covariance has shape () instead of (3, 3) at sample 0 of run 1"),
+        ("OfComplexNumbers", "covariance has complex numbers instead of (3, 3) real ones at sample 0 of run 1"),
         ("Negative", "covariance is not positive semidefinite: a variance is negative at sample 0 of run 1"),
         ("OverCorrelated", "covariance is not positive semidefinite at sample 0 of run 1"),
         ("Infinite", "covariance is not finite at sample 0 of run 1"),
