@@ -212,6 +212,11 @@ def end_if_forked() -> None:
         os._exit(0)
 
 
+def what_plug_ins_raise() -> tuple[type[BaseException], ...]:
+    """Return the exceptions that count as a plug-in's own: in a worker, which Ctrl-C does not reach, any whatever."""
+    return (Exception, SystemExit) if _worker is None else (BaseException,)
+
+
 _worker: int | None = None
 """The process number of this worker; None in any other process."""
 

@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean, one_line
+from castor_envs.processes import what_plug_ins_raise
 from estimators.plugins import parameters
 from estimators.plugins.source_hash import PLUG_IN_FOLDERS, source_files, source_hash
 
@@ -183,7 +184,7 @@ def _imported(run: Callable[[], ModuleType], origin: str, file: str | None) -> M
     """Return what `run` imports; turns whatever the user's code raises into one line, with the line in `file`."""
     try:
         return run()
-    except (Exception, SystemExit) as error:
+    except what_plug_ins_raise() as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:
             lines.append(error.lineno)

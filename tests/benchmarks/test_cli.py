@@ -492,7 +492,7 @@ def test_check_refuses_a_robot_that_it_cannot_drive(castor_bench):
     [
         ("import time; time.sleep(99)", "took over 1 s"),
         ("import os; os._exit(0)", "ended its process"),
-        ("raise BaseException('no')", "no"),
+        ("raise BaseException('no')", "cannot be imported, line 1 (BaseException: no)"),
     ],
 )
 def test_a_plug_in_that_fails_on_import_is_refused(castor_bench, tmp_path, source, said):

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from castor_envs.errors import one_line
-from castor_envs.processes import end_if_forked
+from castor_envs.processes import end_if_forked, what_plug_ins_raise
 from castor_envs.sensors.observation import Observations as SampledObservations
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.presets import preset_names, train_names
@@ -67,7 +67,7 @@ def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
     """
     try:
         estimator = entry.factory()
-    except (Exception, SystemExit):
+    except what_plug_ins_raise():
         return None
     try:
         if entry.smoother:
@@ -76,7 +76,7 @@ def refusal(entry: EstimatorEntry, vehicle: Vehicle) -> str | None:
             estimator.estimate(vehicle, np.zeros(shape), seen)
         else:
             reset_at_origin(estimator, vehicle)
-    except (Exception, SystemExit) as error:
+    except what_plug_ins_raise() as error:
         return declines(error, vehicle)
     return None
 
@@ -92,7 +92,7 @@ def _finding(entry: EstimatorEntry, name: str, run: Callable[[], object], advice
         run()
     except Wrong as wrong:
         return Finding(name, False, str(wrong))
-    except (Exception, SystemExit) as error:
+    except what_plug_ins_raise() as error:
         end_if_forked()
         return Finding(name, False, f"raises {one_line(error)} {place(entry, error)}{advice and ': ' + advice}")
     return Finding(name, True)
