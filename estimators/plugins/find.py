@@ -163,7 +163,7 @@ def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> tupl
         sys.path.append(str(folder))
     PLUG_IN_FOLDERS.add(folder)
     module = ModuleType(f"castor_plugin_{path.stem}_{hashlib.sha256(str(path.resolve()).encode()).hexdigest()[:8]}")
-    module.__file__ = str(path.resolve())
+    module.__file__, module.__package__ = str(path.resolve()), ""
 
     def run() -> ModuleType:
         # Compiled here, not by an import: no stale bytecode after an edit, no __pycache__ in the user's folder.
@@ -171,7 +171,7 @@ def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> tupl
         exec(compile(source, module.__file__ or "", "exec", dont_inherit=True), module.__dict__)
         return module
 
-    _imported(run, str(path), module.__file__)
+    _imported(run, str(path), module.__file__, _as_module(path.resolve(), class_name or "Class"))
     kind = _class_in(module, class_name, str(path)) if class_name else _only_class(module, path, role)
     for file, name in source_files(kind).items():
         loaded = getattr(sys.modules.get(name), "__file__", None) or file
@@ -180,8 +180,18 @@ def _from_file(spec: str, path: Path, class_name: str, role: PlugInKind) -> tupl
     return _plug_in(f"{path.stem}:{kind.__name__}", spec, kind, role)
 
 
-def _imported(run: Callable[[], ModuleType], origin: str, file: str | None) -> ModuleType:
-    """Return what `run` imports; turns whatever the user's code raises into one line, with the line in `file`."""
+def _as_module(file: Path, class_name: str) -> str:
+    """Return how a class of a file in a package is named as a module, from which folder."""
+    top = next(folder for folder in file.parent.parents if not (folder / "__init__.py").is_file())
+    module = ".".join(file.relative_to(top).with_suffix("").parts)
+    return f"{module}:{class_name}, in the folder that holds {module.partition('.')[0]}"
+
+
+def _imported(run: Callable[[], ModuleType], origin: str, file: str | None, as_module: str = "") -> ModuleType:
+    """Return what `run` imports; turns whatever the user's code raises into one line, with the line in `file`.
+
+    as_module: how to name a file that imports relatively to its package.
+    """
     try:
         return run()
     except what_plug_ins_raise() as error:
@@ -190,7 +200,9 @@ def _imported(run: Callable[[], ModuleType], origin: str, file: str | None) -> M
             lines.append(error.lineno)
         place = f", line {lines[-1]}" if lines else ""
         text = f"{type(error).__name__}: {error.msg}" if isinstance(error, SyntaxError) else one_line(error)
-        raise InputError(f"{origin}: cannot be imported{place} ({text})") from None
+        relative = as_module and isinstance(error, ImportError) and "no known parent package" in text
+        advice = f"; relative imports need the package: name it as {as_module}" if relative else ""
+        raise InputError(f"{origin}: cannot be imported{place} ({text}){advice}") from None
 
 
 def _class_in(module: ModuleType, name: str, source: str) -> type:

@@ -204,6 +204,21 @@ def test_plugin_file_that_is_wrong_says_where(source, message):
     assert "\n" not in str(refusal.value)
 
 
+@pytest.mark.parametrize("with_init", [True, False])
+def test_a_file_that_imports_relatively_is_named_as_a_module(with_init):
+    folder = Path("some_package_of_mine")
+    folder.mkdir()
+    (folder / "start.py").write_text("START = 1.0\n")
+    (folder / "mine.py").write_text("from .start import START\n" + MINE)
+    if with_init:
+        (folder / "__init__.py").write_text("")
+    with pytest.raises(InputError) as refusal:
+        load_estimator("some_package_of_mine/mine.py:Mine")
+    named, _, where = str(refusal.value).partition("name it as ")[2].partition(", ")
+    assert (named, where) == ("some_package_of_mine.mine:Mine", "in the folder that holds some_package_of_mine")
+    assert load_estimator(named).name == named
+
+
 def test_file_with_several_classes_serves_the_one_named():
     Path("mine.py").write_text(MINE + "\nclass Other(Mine): ...\n\nclass Settings: ...\n")
     assert load_estimator("mine.py:Other").kind.__name__ == "Other"
