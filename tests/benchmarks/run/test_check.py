@@ -28,5 +28,5 @@ def test_an_interrupt_that_a_plug_in_raises_is_found(tmp_path, body, check):
 def test_an_interrupt_on_import_is_one_line(tmp_path):
     file = tmp_path / "bad.py"
     file.write_text("raise KeyboardInterrupt\n")
-    with pytest.raises(InputError, match="cannot be imported, line 1 .KeyboardInterrupt."):
+    with pytest.raises(InputError, match=r"cannot be imported, line 1 .KeyboardInterrupt."):
         check_apart(str(file), None, 20.0, print)

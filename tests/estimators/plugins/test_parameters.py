@@ -33,6 +33,11 @@ class Tuned:
         return self.pose.copy()
 
 
+class Several(Tuned):
+    def __init__(self, gains: tuple[float, ...] = (), names: list[str] | None = None, by: dict[str, int] | None = None):
+        self.given = {"gains": gains, "names": names, "by": by}
+
+
 class Needs(Tuned):
     def __init__(self, gain: float, *, other: "int" = 1):
         self.given = {"gain": gain, "other": other}
@@ -72,6 +77,29 @@ def test_annotations_may_be_texts_and_arguments_required():
 
 
 @pytest.mark.parametrize(
+    ("text", "changed", "name"),
+    [
+        ("gains=[1,2]", {"gains": (1.0, 2.0)}, "gains=[1.0,2.0]"),
+        ("gains=[ 1, 2 ]&names=[]", {"gains": (1.0, 2.0), "names": []}, "gains=[1.0,2.0]&names=[]"),
+        ('names=["a","ü"]', {"names": ["a", "ü"]}, 'names=["a","ü"]'),
+        ('by={"a": 1}', {"by": {"a": 1}}, 'by={"a":1}'),
+    ],
+)
+def test_several_values_are_json_and_a_name_can_be_given_again(text, changed, name):
+    entry = load_estimator(f"tuned.py:Several?{text}")
+    made: Any = entry.factory()
+    assert made.given == {"gains": (), "names": None, "by": None} | changed
+    assert entry.name == f"tuned:Several?{name}"
+    again = load_estimator(f"tuned.py:Several?{name}")
+    assert (again.name, again.source_hash) == (entry.name, entry.source_hash)
+
+
+def test_a_text_may_begin_as_a_list():
+    made: Any = load_estimator("tuned.py:Tuned?name=[a]").factory()
+    assert made.given == DEFAULTS | {"name": "[a]"}
+
+
+@pytest.mark.parametrize(
     ("spec", "words"),
     [
         ("cast-0?stp=euler", r"no parameter 'stp'; did you mean 'step'\? CAST takes step: .* = 'arc'"),
@@ -83,7 +111,10 @@ def test_annotations_may_be_texts_and_arguments_required():
         ("cast?step", "'step' after the question mark"),
         ("cast?", "after the question mark"),
         ("cast?step=arc&step=euler", "'step' is given twice"),
-        ("tuned.py:Tuned?name=a|b", "after the question mark"),
+        ("tuned.py:Tuned?name=a|b", r"the value of 'name' has '\|' in it, which names may not have"),
+        ("tuned.py:Tuned?name=a\x1b", "the value of 'name' has a character that cannot be printed in it"),
+        ("tuned.py:Several?gains=1,2", r"'gains': .*got '1,2', several values as JSON .\[1,2\].; Several"),
+        ("tuned.py:Several?gains=[1,x]", "'gains': "),
         ("odd.py:Tuned?weights=1", "no parameter|weights"),
         (f"tuned.py:Tuned?name={'x' * 200}", "too long"),
         ("nothing?step=arc", "unknown estimator 'nothing'"),
