@@ -1,5 +1,7 @@
 """The options that several commands of ``castor-bench`` share, and checks of what they are given."""
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -48,6 +50,13 @@ def at_least(option: str, value: int | None, least: int, limit: int = 100_000) -
     """Raise InputError for a number out of range."""
     if value is not None and not least <= value <= limit:
         raise InputError(f"{option} must lie between {least} and {limit}, got {value}")
+
+
+def end_for(failing: Sequence[str]) -> None:
+    """End a command with exit code 1, its last line naming those who gave no poses; do nothing where all did."""
+    if failing:
+        print(f"not all succeeded: {', '.join(failing)} gave no poses; the reasons are above", file=sys.stderr)
+        raise typer.Exit(1)
 
 
 def console() -> Console:

@@ -23,6 +23,7 @@ from benchmarks.options import (
     TaskNames,
     at_least,
     console,
+    end_for,
     with_rows,
 )
 from benchmarks.results.forget import forget
@@ -31,7 +32,7 @@ from benchmarks.results.robots import with_stored_robots
 from benchmarks.results.rows import check_results_folder
 from benchmarks.run.choose import tasks_with
 from benchmarks.run.task_plugins import with_plugged
-from benchmarks.show.command import Following
+from benchmarks.show.command import Following, told_failing
 from benchmarks.site.pages import single_page
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
@@ -142,9 +143,9 @@ def export(
         if results is not None:
             raise InputError("--results: has rows of tasks; with a log name estimators by --estimator")
         following = Following(estimator or (), processes=os.cpu_count() or 1)
-        for name, reason in export_log(Path(task), robot, out, export_form(form), following).items():
-            print(f"{name} gave no poses: {reason}")
+        failing = told_failing(export_log(Path(task), robot, out, export_form(form), following), following)
         print(f"{out}: poses of {task}")
+        end_for(failing)
         return
     if estimator:
         raise InputError("--estimator: is for a log; of a task --results adds what run has stored")

@@ -18,13 +18,14 @@ from benchmarks.options import (
     above_zero,
     at_least,
     console,
+    end_for,
     with_rows,
 )
 from benchmarks.results.robots import with_stored_robots
 from benchmarks.results.rows import check_results_folder
 from benchmarks.run.choose import tasks_with
 from benchmarks.run.task_plugins import with_plugged
-from benchmarks.show.command import Following, case_of, show_case, show_log
+from benchmarks.show.command import Following, case_of, show_case, show_log, told_failing
 from benchmarks.show.page import page_of, write_page
 from benchmarks.show.picture import write_gif, write_png
 from benchmarks.site.compare import compare as compared
@@ -70,6 +71,7 @@ def show(
 ) -> None:
     """Show one case of a task or one log as a page: paths, errors, disagreement of wheels, slip, the floor.
 
+    Exit code 1 if an estimator fails, or one that is named declines.
     Nothing is stored but the page (and pictures): results of run stay as they are.
     """
     above_zero("--timeout", timeout)
@@ -102,11 +104,11 @@ def show(
         write_png(png, drive, first)
     if gif is not None:
         write_gif(gif, drive, first)
-    for name, reason in shown.failed.items():
-        print(f"{name} gave no poses: {reason}")
+    failing = told_failing(shown.failed, by)
     pictures = [str(path) for path in (png, gif) if path is not None]
     whose = f" (of {first})" if pictures and first is not None else ""
     print(", ".join([str(out), *pictures]) + whose)
+    end_for(failing)
 
 
 def compare(

@@ -1,13 +1,14 @@
 """``castor-bench show``: one case of a task, or one log, followed by estimators now."""
 
 import shlex
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks.results.provenance import provenance
+from benchmarks.results.rows import DECLINED
 from benchmarks.run.choose import entries_named
 from benchmarks.run.evaluate import Competitor
 from benchmarks.scoring.registry import score
@@ -47,6 +48,17 @@ class Following:
         usual = USUAL_OF_TRAINS if isinstance(vehicle, TrainDescription) else USUAL
         serving = [name for name in usual if name in builtin_names(vehicle)]
         return entries_named(self.estimators or serving, self.timeout, load_estimator)
+
+
+def told_failing(failed: Mapping[str, str], by: Following) -> list[str]:
+    """Say on stdout who gave no poses, and why; return those who count as failing.
+
+    Who declines counts if it was named: of the usual ones, some serve and some do not.
+    """
+    for name, reason in failed.items():
+        print(f"{name} gave no poses: {reason}")
+    named = bool(by.estimators or by.methods)
+    return [name for name, reason in failed.items() if named or not reason.startswith(DECLINED)]
 
 
 def case_of(task: Task, text: str | None) -> Case:

@@ -3,6 +3,7 @@
 import dataclasses
 import importlib
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -59,6 +60,25 @@ def test_a_case_becomes_a_page_that_repeats_itself(castor_bench, plugin, tmp_pat
     assert ("run 1, cw" in page, "run 2, ccw" in page) == (True, True)
     assert not re.search(r"""(?:src|href)=["'](?!#)""", page)  # nothing is fetched, nothing beside it needed
     assert castor_bench("show", "--task", "arcs", "--estimator", spec)[0] == 0  # a page of this command is replaced
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [("faulty:Raises", "raised ValueError: no idea where I am in update"), ("faulty:Refuses", "declined: needs six l")],
+)
+def test_whoever_gives_no_poses_makes_the_command_fail_after_its_page(castor_bench, plugin, fake_tasks, name, reason):
+    write_log(Path("drive.csv"), fake_tasks.Arcs(samples=21).record(0).runs[0].log, differential())
+    on_log = ("drive.csv", "--robot", "differential")
+    for arguments in (
+        ("show", "--task", "arcs", "--estimator", plugin(name)),
+        ("show", *on_log, "--estimator", "wheel-odometry", "--estimator", plugin(name)),
+        ("export", *on_log, "--format", "tum", "--out", "poses", "--estimator", plugin(name)),
+    ):
+        code, out, err = castor_bench(*arguments)
+        told, made = out.splitlines()
+        assert (code, told[: len(name) + 16 + len(reason)]) == (1, f"{name} gave no poses: {reason}")
+        assert Path(made.partition(":")[0]).exists()
+        assert err == f"not all succeeded: {name} gave no poses; the reasons are above\n"
 
 
 def test_poses_of_a_log_are_exported_where_the_reference_is_known(castor_bench, fake_tasks, tmp_path):
