@@ -8,6 +8,7 @@ from rich.table import Table
 
 from benchmarks.leaderboard.board import Leaderboard
 from benchmarks.leaderboard.columns import FRAME, Column
+from benchmarks.leaderboard.markdown import escaped, table_of
 from benchmarks.leaderboard.notes import general_notes, say
 from benchmarks.leaderboard.overview import GroupScore, Kind, Overview, OverviewEntry, overviews
 
@@ -58,13 +59,13 @@ def _score_json(score: GroupScore) -> dict[str, Any]:
 def overviews_markdown(tables: Sequence[Overview]) -> str:
     """Return overviews as Markdown."""
     parts = []
-    for table in tables:
-        columns = overview_columns(table)
-        rule = ["--:" if column.justify == "right" else "---" for column in columns]
-        rows = [[column.heading for column in columns], rule, *zip(*(column.cells for column in columns), strict=True)]
-        parts.append(f"## {overview_title(table)}\n")
-        parts.append("".join(f"| {' | '.join(row)} |\n" for row in rows))
-        parts += [f"- {note}\n" for note in (*MEANING, *overview_notes(table))]
+    for overview in tables:
+        columns = overview_columns(overview)
+        rows = [[column.heading for column in columns], *zip(*(column.cells for column in columns), strict=True)]
+        parts.append(f"## {escaped(overview_title(overview))}\n")
+        numbers = [column.justify == "right" for column in columns]
+        parts.append(table_of([list(map(escaped, row)) for row in rows], numbers))
+        parts += [f"- {escaped(note)}\n" for note in (*MEANING, *overview_notes(overview))]
     return "\n".join(parts)
 
 

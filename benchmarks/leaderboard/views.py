@@ -9,6 +9,7 @@ from rich.table import Table
 
 from benchmarks.leaderboard.board import Entry, Leaderboard, TaskBoard
 from benchmarks.leaderboard.columns import board_columns, fitting
+from benchmarks.leaderboard.markdown import escaped, table_of
 from benchmarks.leaderboard.notes import board_notes, general_notes, say
 from benchmarks.leaderboard.overview import overviews
 from benchmarks.leaderboard.overview_views import overviews_json
@@ -85,15 +86,15 @@ def as_markdown(leaderboard: Leaderboard) -> str:
     """Return the leaderboard as Markdown, a table for each task with all its metrics."""
     parts = []
     for board in leaderboard.boards:
-        parts.append(f"## {board.title}\n\n`{board.task}`, version {board.version}. {board.description}\n")
+        title, description = escaped(board.title), escaped(board.description)
+        parts.append(f"## {title}\n\n`{board.task}`, version {board.version}. {description}\n")
         if board.missing is not None:
-            parts.append(f"Not run: {board.missing}\n")
+            parts.append(f"Not run: {escaped(board.missing)}\n")
         if board.entries:
-            header, *rows = whole_table(board)
-            lines = [header, ["--:", "---", *["--:"] * (len(header) - 2)], *rows]
-            parts.append("".join(f"| {' | '.join(line)} |\n" for line in lines))
-        parts += [f"- {note}\n" for note in board_notes(board, intervals="in brackets")]
-    parts += [f"{note}\n" for note in general_notes(leaderboard)]
+            rows = [[rank, escaped(name), *scores] for rank, name, *scores in whole_table(board)]
+            parts.append(table_of(rows, [column != 1 for column in range(len(rows[0]))]))
+        parts += [f"- {escaped(note)}\n" for note in board_notes(board, intervals="in brackets")]
+    parts += [f"{escaped(note)}\n" for note in general_notes(leaderboard)]
     return "\n".join(parts)
 
 

@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from benchmarks.leaderboard.board import build
+from benchmarks.leaderboard.markdown import escaped
 from benchmarks.leaderboard.views import as_json, as_markdown, print_leaderboard
 from benchmarks.results.asked import ASKED, Asked, keep_asked
 from benchmarks.results.episodes import EpisodeStore
@@ -274,7 +275,7 @@ def test_who_declines_the_robot_is_no_row(board):
     (task,) = as_json(leaderboard)["tasks"]
     assert task["declined"] == [{"estimator": "choosy", "reason": reason}]
     text = as_markdown(leaderboard)
-    assert f"- choosy declines this robot: {reason}\n" in text
+    assert f"- choosy declines this robot: {escaped(reason)}\n" in text
     assert "choosy failed" not in text
     assert "half declined 1 of 8 cases (0): not this one" in text
 

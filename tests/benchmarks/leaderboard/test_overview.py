@@ -9,6 +9,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from markdown_it import MarkdownIt
 from rich.console import Console
 from scipy.stats import rankdata
 
@@ -16,7 +17,7 @@ from benchmarks.leaderboard.board import Entry, FailedCases, Leaderboard, TaskBo
 from benchmarks.leaderboard.overview import LEAST, overviews
 from benchmarks.leaderboard.overview_views import overviews_json, overviews_markdown, print_overviews
 from benchmarks.leaderboard.ranking import Interval, places
-from benchmarks.leaderboard.views import as_csv, as_json
+from benchmarks.leaderboard.views import as_csv, as_json, as_markdown
 from benchmarks.results.rows import UpdateCost
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.site.pages import single_page
@@ -262,6 +263,22 @@ def test_hostile_names_are_text_in_the_page_and_nothing_is_fetched(hostile):
     assert page.text.count(HOSTILE) == 1 + 2 + 1  # overview, two boards, a title
     assert any(text.startswith(f"{HOSTILE} failed 1 of 20 cases") for text in page.text)
     assert f"not run: absent: {HOSTILE} is not there" in page.text
+
+
+def test_hostile_names_are_text_in_markdown():
+    """A file may be named <b>x.py or a|b.py."""
+    names = [HOSTILE, "a|b:Mine", "<b>x:Mine", "`c`*d*:Mine", "[e](f):Mine", "back\\slash:Mine"]
+    boards = leaderboard(
+        board("one", {name: 0.01 * (k + 1) for k, name in enumerate(names)}, title=HOSTILE),
+        board("two", dict.fromkeys(names, 0.01), unranked=(HOSTILE,)),
+        board("absent", {}, missing=f"{HOSTILE} is not there"),
+    )
+    for text, tables in ((as_markdown(boards), 2), (overviews_markdown(overviews(boards.boards)), 1)):
+        page = Page(MarkdownIt("commonmark").enable("table").render(text))
+        assert set(page.tags) <= {"h2", "p", "code", "table", "thead", "tbody", "tr", "th", "td", "ul", "li"}
+        assert page.tags.count("td") == page.tags.count("th") * len(names)
+        assert page.tags.count("table") == tables
+        assert set(names) <= set(page.text)
 
 
 def test_the_page_holds_every_number_of_the_boards(hostile):
