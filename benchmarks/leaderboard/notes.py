@@ -36,7 +36,7 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
         meaning.append(f"odometry with the calibrated robot: {board.odometry}")
     notes = ["; ".join(meaning), *refusals]
     if board.ceiling is not None:
-        notes.append(f"{CEILING} is told what nobody can know, as a ceiling of what is possible; it is no estimator")
+        notes.append(f"{CEILING} is told what nobody can know: a yardstick, no strict bound; it is no estimator")
     if board.floor is not None:
         notes.append(
             f"{FLOOR} never moves: where a drive ends near its start, its last position is nearly right, and its "

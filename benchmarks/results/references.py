@@ -1,7 +1,7 @@
 """Rows of no estimator that boards show beside those of estimators, unranked: standing still, and the oracle.
 
-They say what an error means: the floor that everybody beats, and the ceiling of what is possible. They are stored in a
-folder of their own (`reference_store`) whenever an episode is recorded.
+They say what an error means: what is reached by never moving, and by being told what nobody can know, a yardstick and
+no strict bound. They are stored in a folder of their own (`reference_store`) whenever an episode is recorded.
 """
 
 import hashlib

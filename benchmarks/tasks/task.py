@@ -38,8 +38,8 @@ class Run:
     run is then scored at its last sample alone. belief_covariance (N, 3, 3): how exact it is said to be, m and rad; a
     true start has none. sound: the axles, from 1 at the front, whose belief is right, where the task knows.
 
-    oracle: poses at `samples` of an estimator that knows what nobody can know, as a ceiling of what is possible: the
-    true vehicle and what disturbs it. None where the task has none.
+    oracle: poses at `samples` of an estimator that is told what nobody can know, the true vehicle and what disturbs it:
+    a yardstick, no strict bound. None where the task has none.
 
     reference_noise: how far a tracker's poses are off, each for itself, where the truth is no more than these; None
     where it is exact.

@@ -1,1 +1,1 @@
-"""Ceilings of what is possible: poses of estimators who know what nobody can know, stored as `Run.oracle`."""
+"""Oracles: poses of estimators that are told what nobody can know, stored as `Run.oracle`; no strict bounds."""

@@ -1,4 +1,4 @@
-"""A ceiling of what odometry of robots can reach: `filter`, told the true robot, on wheels that never slip.
+"""The oracle of robots, a yardstick and no strict bound: `filter`, told the true robot, on wheels that never slip.
 
 Castors that the floor turns stand as it turns them where they roll along the true way without slip to their side; each
 wheel's encoder reads how far the floor passes beneath it along its rolling direction, as the equations of

@@ -1,4 +1,4 @@
-"""Ceilings of what localisation of trains can reach.
+"""Oracles of trains, told what nobody can know: yardsticks, no strict bounds.
 
 Of drives: odometry that knows the true train, on wheels that never slip. Each wheel's encoder reads how far the floor
 passes beneath it along its rolling direction. What is left are the encoder's steps, and slip to the side, which no

@@ -1,4 +1,4 @@
-"""Drives of robots and trains in physics: which way, what disturbs sensors, and the ceiling of what is possible."""
+"""Drives of robots and trains in physics: which way, what disturbs sensors, and what the oracle is told."""
 
 from pathlib import Path
 

@@ -1,8 +1,8 @@
 """What robots truly do when they are driven in physics, and the logs that their sensors make of it.
 
 A drive holds true motion alone. Between it and a log stand the encoders, and what disturbs their readings
-(`disturbances`): so that the same drive gives the log that estimators get, and the undisturbed one that a ceiling of
-what is possible is computed from.
+(`disturbances`): so that the same drive gives the log that estimators get, and the undisturbed one that the oracle
+follows.
 """
 
 import dataclasses

@@ -1,5 +1,4 @@
-"""A ceiling of what odometry can reach: that of an estimator who knows the true robot, and how wheels would read if
-nothing disturbed them.
+"""The oracle of drives: an estimator that is told the true robot, and how wheels would read if nothing disturbed them.
 
 It is the filter, told that dimensions are exact. What is left are encoders' steps, creep of contacts, wheels that the
 driver makes slip, and what happens between samples; by what it knows of these, an estimator may still do better.

@@ -1,7 +1,7 @@
 """What trains truly do when they are driven in physics, and the logs that their sensors make of it.
 
 As `drive` for robots: a drive holds the true motion alone, so that the same drive gives the log that estimators get,
-and the undisturbed one that a ceiling of what is possible is computed from.
+and the undisturbed one that the oracle follows.
 """
 
 from collections.abc import Sequence
