@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from castor_envs.processes import MOST_PRINTED
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.presets import preset
 
@@ -60,6 +61,14 @@ def test_the_hidden_effect_is_named(tmp_path):
     (effect,) = json.loads((tmp_path / "found" / "robot.json").read_text())["effects"]
     assert (effect["name"], effect["castor"], effect["wheel"]) == ("wheel_radius", 1, 2)
     assert effect["value"] == pytest.approx(-0.008, abs=5e-4)
+
+
+def test_pages_say_that_printing_too_much_fails_a_case():
+    limit = f"{MOST_PRINTED // 1000} kB"
+    assert f"a case in which it prints over {limit} fails" in page("own_estimator")
+    limits = (ROOT / "docs" / "benchmark.md").read_text(encoding="utf-8").partition("**Limits of a plug-in.**")[2]
+    assert f"{limit} of output to stderr per episode" in limits
+    assert "that case fails with the reason" in limits
 
 
 def test_the_site_lists_every_page():

@@ -1,6 +1,7 @@
 """Estimators that are given whole logs: judged as others are, and marked on every board."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,6 +65,31 @@ def test_boards_mark_it_and_what_has_update_is_judged_by_that(tmp_path, fake_tas
 def test_the_check_passes_a_smoother(plugin, preset):
     findings = check(load_estimator(plugin("smoothers:Whole")), load_vehicle(preset))
     assert [finding for finding in findings if not finding.passed] == []
+
+
+def test_the_example_of_the_tutorial_is_one(tmp_path, fake_tasks):
+    page = (Path(__file__).parents[3] / "docs" / "tutorials" / "own_estimator.md").read_text(encoding="utf-8")
+    code, said = page.partition("# whole_log.py\n")[2].split("```")[:2]
+    (tmp_path / "whole_log.py").write_text(code)
+    entry, robot = load_estimator(str(tmp_path / "whole_log.py")), load_vehicle("differential")
+    assert entry.name == "whole_log:WholeLog (smoother)"
+    assert [finding for finding in check(entry, robot) if not finding.passed] == []
+    assert refusal(entry, load_vehicle("swerve")) == "needs a differential robot"
+    assert refusal(entry, load_vehicle("cfmmr-3")) == "is written for robots: it asks for 'castors'"
+    episode = fake_tasks.Arcs().record(0)
+    found, expected = (
+        estimate_singly(of.spec, of.source_hash, observed_runs(episode))
+        for of in (entry, load_estimator("dead-reckoning-1"))
+    )
+    assert isinstance(found, list)
+    assert isinstance(expected, list)
+    for whole, alone in zip(found, expected, strict=True):
+        np.testing.assert_allclose(whole.poses, alone.poses, atol=1e-4)
+    observations, k = episode.runs[0].log.observations(), len(episode.runs[0].log.t)
+    shapes = {name: getattr(observations, name).shape for name in ("wheel", "pivot", "time")}
+    assert shapes == {"wheel": (k, 2), "pivot": (k, 0), "time": (k,)}
+    assert (observations.gyro, len(observations), len([*observations])) == (None, k, k)
+    assert all(f"`{name}`" in said or f"`observations.{name}`" in said for name in shapes)
 
 
 def test_the_check_hears_who_declines(plugin):
