@@ -12,7 +12,7 @@ from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.answers import Answer, Seen, Verdict
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, LOG_ODDS, SIGNATURE
 from discrepancy.posterior.model.refit import Sized, sizes_of
-from discrepancy.posterior.priors import directions_in_model
+from discrepancy.posterior.priors import bounds_of, directions_in_model
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
 from estimators.calibration.identifiability import COVERAGE
 
@@ -114,7 +114,7 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
     if len(answer.credible) > 1:
         verdict: Verdict = "ambiguous" if answer.effect is not None else "unexplained"
         return verdict, f"these motions cannot distinguish: {'; '.join(answer.credible)}"
-    if answer.effect is None:
+    if answer.effect is None or _may_be_at_its_end(answer):
         return "unexplained", f"{description} looks most like it, and cannot be as large"
     if abs(answer.size) < COVERAGE * answer.error:
         return "unconfirmed", f"these logs do not determine the size of {description}, which may be 0"
@@ -127,6 +127,14 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
         if answer.probability < CREDIBLE:
             return "unconfirmed", f"held-out logs show another size of {description}, so it is hardly constant"
     return "named", description
+
+
+def _may_be_at_its_end(answer: Answer) -> bool:
+    """Whether the 95 % interval of an effect's size reaches the end of what it can be, other than 0: logs would be
+    likelier with one that is larger still."""
+    kind, error = answer.candidate.kinds[0], COVERAGE * answer.error
+    least, most = bounds_of(kind)
+    return not kind.binary and (answer.size + error >= most or (least < 0 and answer.size - error <= least))
 
 
 @dataclass(frozen=True, eq=False)

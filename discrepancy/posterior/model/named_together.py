@@ -139,7 +139,8 @@ def _by_fits(
     of what wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return
     the effects without it instead.
 
-    What robots in good order show makes up the same part of the gain as it does by the linear formula.
+    What robots in good order show makes up the same part of the gain as it does by the linear formula; none where that
+    is so wrong of the effect that it explains nothing.
     """
     told, least, kept = list[Answer](), 0.0, None
     possible_names = {name for answer in answers for name in (*answer.credible, *answer.alike)}
@@ -154,7 +155,7 @@ def _by_fits(
         others, without = refitted(vehicle, look, named, left, seen)
         gain = max(seen.log_evidence - without.log_evidence, 0.0)
         explained, beyond = (_gained(of, in_model, sizes_of(left, seen)) for of in statistics)
-        part = float(np.clip(beyond / max(explained, 1e-12), 0.0, 1.0))
+        part = float(np.clip(beyond / explained, 0.0, 1.0)) if explained > 0 else 1.0
         log_odds = part * gain + log_prior([effect], seen) + odds
         if log_odds <= least:
             least, kept = log_odds, others

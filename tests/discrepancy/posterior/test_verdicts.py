@@ -101,6 +101,15 @@ def test_an_effect_whose_size_may_be_zero_is_not_confirmed(error, expected):
     assert (answer.verdict, "may be 0" in answer.reason) == (expected, expected == "unconfirmed")
 
 
+@pytest.mark.parametrize(("size", "error", "expected"), [(0.49, 0.004, "named"), (0.49, 0.006, "unexplained")])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_an_effect_that_may_be_as_large_as_it_can_be_at_all_is_not_named(size, error, expected, sign):
+    """No radius is wrong by more than a half: logs that ask for that show something else."""
+    large = dataclasses.replace(ANSWER, amplitudes=np.array([sign * size]), covariance=np.array([[error**2]]))
+    (answer,) = judged([large], [Sized(CAUSE, large.amplitudes)], None, None, MATERIAL)
+    assert (answer.verdict, "cannot be as large" in answer.reason) == (expected, expected == "unexplained")
+
+
 @pytest.mark.parametrize(("costs_more", "expected", "probability"), [(0.9, "named", 1.0), (1.1, "unconfirmed", 0.5)])
 def test_beside_something_unexplained_that_costs_more_a_name_is_not_sure(costs_more, expected, probability):
     """It may be a part of that, as likely as not."""
