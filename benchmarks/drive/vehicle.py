@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from castor_envs.envs.sensed import SensedRobot, SensedTrain
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.sensors.observation import Observation
+from castor_envs.sensors.observation import Observation, copied
 from castor_envs.vehicles.load import Vehicle
 
 Sensed = TypeVar("Sensed", SensedRobot, SensedTrain)
@@ -51,7 +51,7 @@ class HandDrivenEnv(gym.Env[Observation, Array], Generic[Sensed]):
         super().reset(seed=seed)
         self._motion = np.zeros(3)
         commands = self._start()
-        return self._sensed.observation, {"pose": self._sensed.pose, **commands}
+        return copied(self._sensed.observation), {"pose": self._sensed.pose, **commands}
 
     def step(self, action: ArrayLike) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive for one sample period."""
@@ -59,7 +59,7 @@ class HandDrivenEnv(gym.Env[Observation, Array], Generic[Sensed]):
         most = self.limits * self.vehicle.sample_period / RAMP
         self._motion = self._motion + np.clip(wished - self._motion, -most, most)
         commands = self._move(self._motion)
-        return self._sensed.observation, 0.0, False, False, {"pose": self._sensed.pose, **commands}
+        return copied(self._sensed.observation), 0.0, False, False, {"pose": self._sensed.pose, **commands}
 
     def stop(self) -> None:
         """Wish for rest at once, without a ramp: wheels slip where they have to."""

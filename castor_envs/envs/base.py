@@ -17,7 +17,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.paths import LONGEST_RANDOM, SPEED, TrainPath, axles_behind, named_path
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.rendering import Renderer
-from castor_envs.sensors.observation import Observation
+from castor_envs.sensors.observation import Observation, copied
 from castor_envs.vehicles.load import Vehicle, load_robot, load_train
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
@@ -68,8 +68,8 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
 
     @property
     def readings(self) -> Observation:
-        """What the sensors say now, whatever the agent is shown: for recorders."""
-        return self.sensed.observation
+        """What the sensors say now, whatever the agent is shown: a copy, as all that is handed out."""
+        return copied(self.sensed.observation)
 
     @property
     def longest_episode(self) -> float:
@@ -88,7 +88,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
             self.close()
         if self._renderer is not None:
             self._renderer.reset()
-        return self.sensed.observation
+        return self.readings
 
     def _next_course(self) -> Course:
         """Return the course of the episode that begins."""

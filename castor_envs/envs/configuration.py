@@ -109,7 +109,7 @@ class ConfigurationEnv(TrainEnv):
             self.sensed.advance(command)
             self.sample += 1
         self._show()
-        return self.sensed.observation, reward, terminated, False, self._info(command, heading_error)
+        return self.readings, reward, terminated, False, self._info(command, heading_error)
 
     def _info(self, command: NDArray[np.float64], heading_error: float) -> dict[str, Any]:
         return {

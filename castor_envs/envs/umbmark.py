@@ -125,7 +125,7 @@ class UMBmarkEnv(RobotEnv):
             self.sensed.advance(commands)
             self.sample += 1
         self._show()
-        return self.sensed.observation, reward, terminated, False, self._info(commands, heading_error)
+        return self.readings, reward, terminated, False, self._info(commands, heading_error)
 
     def _info(self, commands: Commands, heading_error: float) -> dict[str, Any]:
         return {

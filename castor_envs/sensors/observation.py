@@ -71,6 +71,11 @@ def observation(
     return {name: np.array(values, dtype=float) for name, values in parts.items() if values is not None}
 
 
+def copied(given: Observation) -> Observation:
+    """Return an observation whose arrays are its own: whoever is given it may write into it."""
+    return {name: values.copy() for name, values in given.items()}
+
+
 @dataclass(frozen=True, eq=False)
 class Observations:
     """All observations of a run of K samples, or of several alike along leading axes. Iterating yields the samples.

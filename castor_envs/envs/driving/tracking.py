@@ -20,7 +20,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose, wrap
 from castor_envs.motion.controllers import Commands
 from castor_envs.physics.stepper import Drive
-from castor_envs.sensors.observation import Observation
+from castor_envs.sensors.observation import Observation, copied
 
 AHEAD = (0.0, 0.25, 0.5, 1.0)  # s from now at which the reference is shown
 FAR, FAST = 1e3, 1e2  # m, and m/s or rad/s: what is shown of the reference is cut off there
@@ -45,7 +45,7 @@ EstimatorClass = Callable[[], Believing]
 class TrackingEnv(VehicleEnv[Sensed]):
     """A vehicle whose agent commands all motors and is to be where its course is. Subclasses know its motors.
 
-    follower: the scripted driver. unscaled: the newest observation, before it is scaled.
+    follower: the scripted driver.
     """
 
     def _track(
@@ -76,13 +76,18 @@ class TrackingEnv(VehicleEnv[Sensed]):
         return "voltage" if self.control == "voltage" else "servo"
 
     @property
+    def unscaled(self) -> Observation:
+        """The newest observation, before it is scaled: a copy."""
+        return copied(self._unscaled)
+
+    @property
     def steps_in_fleet(self) -> bool:
         """Whether many of it can be stepped as one: no effects, no estimator, no window."""
         return self._estimator_class is None and self.render_mode is None and self.sensed.steps_in_fleet
 
     def resume(self, sample: int, unscaled: Observation) -> None:
         """Be at a sample of the course with its observation, not scaled, after the vehicle has been moved there."""
-        self.sample, self.unscaled = sample, unscaled
+        self.sample, self._unscaled = sample, unscaled
         self.sensed.observation = {name: unscaled[name] for name in self.sensed.observation}
         self._believed = self.sensed.pose
 
@@ -114,7 +119,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
         """Return what an action tells the motors (m,): speeds, or voltages of wheels as a fraction of the full one."""
         fastest, wheels = self.follower.fastest, self.follower.wheels
         if self.control == "residual":
-            return self.follower.corrected(self.unscaled, fraction)
+            return self.follower.corrected(self._unscaled, fraction)
         if self.control == "voltage":
             return np.concatenate([fraction[:wheels], fraction[wheels:] * fastest[wheels:]])
         return fraction * fastest
@@ -128,10 +133,10 @@ class TrackingEnv(VehicleEnv[Sensed]):
         target = reference.places[0].copy()
         self._believed = pose
         if self._estimator is not None:
-            self._believed = finite(self._estimator.update(self.sensed.observation), pose.shape, "estimator's pose")
+            self._believed = finite(self._estimator.update(self.readings), pose.shape, "estimator's pose")
         self._show()
-        self.unscaled = self.sensed.observation | seen_from(self._believed, reference)
-        observation = self.unscaled if self.scaling is None else self.scaling(self.unscaled)
+        self._unscaled = self.sensed.observation | seen_from(self._believed, reference)
+        observation = copied(self._unscaled) if self.scaling is None else self.scaling(self._unscaled)
         position_error, heading_error = map(float, tracking_error(pose, target))
         return observation, {
             "pose": pose,

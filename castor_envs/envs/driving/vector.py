@@ -18,7 +18,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.physics.fleet import structure
 from castor_envs.physics.stepper import FASTEST
-from castor_envs.sensors.observation import Observation
+from castor_envs.sensors.observation import Observation, copied
 
 
 class TrackingVectorEnv(SyncVectorEnv):
@@ -102,7 +102,8 @@ class TrackingVectorEnv(SyncVectorEnv):
         for name, values in info.items():
             infos[name], infos[f"_{name}"] = values, self._all.copy()
         self._observations = shown
-        return shown, self._rewards.copy(), self._terminations.copy(), self._truncations.copy(), infos
+        own = copied(shown) if isinstance(shown, dict) else shown.copy()
+        return own, self._rewards.copy(), self._terminations.copy(), self._truncations.copy(), infos
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
         """Return what members answer to a call of a method, or their values of an attribute."""
