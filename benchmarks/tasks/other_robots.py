@@ -8,6 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from castor_envs.errors import InputError
+from castor_envs.motion.mobility import check_drivable
 from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import umbmark
 from castor_envs.vehicles.load import Vehicle, load_vehicle
@@ -71,9 +72,11 @@ class TaskName(NamedTuple):
 
 @cache
 def cannot_roll_square(robot: RobotDescription) -> str | None:
-    """Return why a robot cannot drive the square of UMBmark without slip, None if it can."""
+    """Return why a robot cannot drive the square of UMBmark and turn at its corners without slip, None if it can."""
+    square = umbmark("ccw")
     try:
-        rolled = roll(robot, umbmark("ccw"))
+        rolled = roll(robot, square)
+        check_drivable(robot, square)
     except InputError as error:
         return str(error)
     needed = float(np.max(np.abs(np.diff(rolled.wheel_angle, axis=0)))) / robot.sample_period

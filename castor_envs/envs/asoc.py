@@ -10,7 +10,7 @@ from castor_envs.errors import InputError, did_you_mean
 from castor_envs.floor import Floor
 from castor_envs.logs.trajectory_files import read_drive
 from castor_envs.motion.controllers import Commands
-from castor_envs.motion.mobility import moves_sideways
+from castor_envs.motion.mobility import moves_sideways, turned_by_motors
 from castor_envs.motion.trajectories import LONGEST_RANDOM, RANDOM, Trajectory, figure_eight, umbmark, wander
 from castor_envs.physics.stepper import Drive
 from castor_envs.vehicles.load import load_robot
@@ -76,8 +76,8 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
 
     ## Arguments
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`
-    - `trajectory`: "random" (drawn for every episode), "figure-eight", "square", the path of a drive file (.csv), or a
-      `Trajectory`
+    - `trajectory`: "random" (drawn for every episode; without turns for a robot whose motors cannot turn it, as on a
+      single free castor), "figure-eight", "square", the path of a drive file (.csv), or a `Trajectory`
     - `control`: "speed", "voltage" or "residual"
     - `estimator`: a class of estimators or its name, such as "estimators.robots.cast:CAST", which tells the agent where
       it is; None: an ideal tracker does
@@ -109,13 +109,14 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
         render_mode: str | None = None,
     ) -> None:
         robot = load_robot(robot)
-        self._random, self._sideways = trajectory == "random", moves_sideways(robot)
+        self._random = trajectory == "random"
+        self._sideways, self._turned = moves_sideways(robot), turned_by_motors(robot)
         chosen = self._drawn(np.random.default_rng(0)) if self._random else named_trajectory(trajectory)
         super().__init__(robot, chosen, floor, render_mode, held, LONGEST_RANDOM if self._random else None)
         self._track(RobotFollower(self.robot), control, estimator, scaled)
 
     def _drawn(self, random: np.random.Generator) -> Trajectory:
-        return wander(random, duration=RANDOM, holonomic=self._sideways)
+        return wander(random, duration=RANDOM, holonomic=self._sideways, turning=self._turned)
 
     def _next_course(self) -> Course:
         if not self._random:

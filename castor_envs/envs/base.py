@@ -14,6 +14,7 @@ from castor_envs.floor import Floor, load_floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.controllers import Commands, trailing_angles
 from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import check_drivable
 from castor_envs.motion.paths import LONGEST_RANDOM, SPEED, TrainPath, axles_behind, named_path
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.rendering import Renderer
@@ -220,17 +221,3 @@ class TrainEnv(VehicleEnv[SensedTrain]):
 
     def _put_at_start(self) -> None:
         self.sensed.reset(self.np_random)
-
-
-def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:
-    """Raise InputError if a leg of the trajectory would make a fixed castor of the robot slip sideways."""
-    geometry = Geometry.of(robot)
-    for run in trajectory.runs:
-        for leg in run.legs:
-            slip = geometry.side_slip_of_fixed(np.array(leg.motion))
-            if np.any(np.abs(slip) > 1e-9):
-                castor = int(np.flatnonzero(np.abs(slip) > 1e-9)[0]) + 1
-                raise InputError(
-                    f"robot {robot.name!r} cannot drive the {trajectory.name}: its fixed castor {castor} would slip "
-                    "sideways; choose other corners or another trajectory"
-                )

@@ -13,8 +13,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
+from castor_envs.motion.rolling import SIDEWAYS
+from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
 
 RANK = 1e-9
@@ -71,8 +74,7 @@ class Mobility:
     def of(cls, robot: RobotDescription) -> "Mobility":
         """Return the mobility of a robot whose castors stand at no special angle."""
         geometry = Geometry.of(robot)
-        angle = np.where(geometry.fixed, geometry.angle, 1.0 + np.arange(geometry.n_castors))
-        all_rows, _ = constraint_matrix(geometry, angle)
+        all_rows, _ = constraint_matrix(geometry, _no_special_angles(geometry))
         held = geometry.fixed[geometry.wheel_castor] & geometry.standard
         _, size, motions = np.linalg.svd(all_rows[len(held) :][held])
         rows = rows_in_use(geometry)
@@ -130,3 +132,46 @@ class Mobility:
 def moves_sideways(robot: RobotDescription) -> bool:
     """Return whether a robot can move in any direction and turn at the same time."""
     return Mobility.of(robot).omnidirectional
+
+
+def turned_by_motors(robot: RobotDescription) -> bool:
+    """Return whether motors determine how fast the body turns, wheels rolling without slip.
+
+    A base on one castor that is free to turn is not turned: its wheels move the pivot anywhere, and nothing but inertia
+    holds the body on it. The same castor beside a fixed axle steers it.
+    """
+    geometry = Geometry.of(robot)
+    a, b = constraint_matrix(geometry, _no_special_angles(geometry))
+    free = np.flatnonzero(~geometry.fixed & ~geometry.driven)
+    of_row = np.concatenate([geometry.wheel_castor, geometry.wheel_castor])
+    set_by_motors = np.concatenate([~np.isnan(geometry.counts_per_rev), geometry.standard])
+    # Unknown are the twist and the rates of free castors. A further row, the turning rate, tells nothing new where the
+    # others determine it.
+    rows = np.concatenate([a, b[:, None] * (of_row[:, None] == free)], axis=1)[set_by_motors]
+    turning = np.eye(1, rows.shape[1], 2)
+    return bool(
+        np.linalg.matrix_rank(np.concatenate([rows, turning]), tol=RANK) == np.linalg.matrix_rank(rows, tol=RANK)
+    )
+
+
+def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:
+    """Raise InputError if a leg of a trajectory makes a fixed castor slip sideways, or turns a body that motors do not
+    turn (`turned_by_motors`)."""
+    geometry, motions = Geometry.of(robot), np.array([leg.motion for run in trajectory.runs for leg in run.legs])
+    cannot = f"robot {robot.name!r} cannot drive the {trajectory.name}"
+    slips = (np.abs(geometry.side_slip_of_fixed(motions)) > SIDEWAYS).any(axis=0)
+    if slips.any():
+        raise InputError(
+            f"{cannot}: its fixed castor {int(np.argmax(slips)) + 1} would slip sideways; choose other corners or "
+            "another trajectory"
+        )
+    if motions[:, 2].any() and not turned_by_motors(robot):
+        raise InputError(
+            f"{cannot}: its motors move its body, but cannot turn it, as nothing holds it on its castor; choose a "
+            "trajectory without turns, such as corners='fixed'"
+        )
+
+
+def _no_special_angles(geometry: Geometry) -> Array:
+    """Return castor angles (n,), rad, in which no castors stand alike, but for those of fixed ones."""
+    return np.where(geometry.fixed, geometry.angle, 1.0 + np.arange(geometry.n_castors))

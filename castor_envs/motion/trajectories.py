@@ -279,20 +279,21 @@ def wander(
     *,
     duration: float = 60.0,
     holonomic: bool = True,
+    turning: bool = True,
     speed: float = 0.25,
     acceleration: float = 0.5,
     arena: float = 2.0,
 ) -> Trajectory:
     """Return random runs of at least `duration` s that stay within `arena` m of the start (centre of the body).
 
-    Each is a random arc; robots that cannot move sideways (`holonomic` False) start each one with a turn on the spot
-    if it would leave the arena.
+    Each is a random arc, or with `turning` False a straight line at the heading of the start; robots that cannot move
+    sideways (`holonomic` False) start each one with a turn on the spot if it would leave the arena.
     """
     runs: list[Run] = []
     pose, time = (0.0, 0.0, 0.0), 0.0
     while time < duration:
         way = random.uniform(-np.pi, np.pi) if holonomic else 0.0
-        turn = random.uniform(-1.5, 1.5)
+        turn = random.uniform(-1.5, 1.5) if turning else 0.0
         leg = Leg((math.cos(way), math.sin(way), turn), random.uniform(0.3, 1.2))
         if math.hypot(*pose[:2]) + leg.length > arena and _leaves(arena, pose, leg):
             if holonomic:

@@ -91,6 +91,8 @@ def test_robots_that_cannot_drive_the_square_are_refused(tmp_path):
     skewed.save(tmp_path / "skewed.json")
     with pytest.raises(InputError, match="fixed wheels would slip sideways"):
         choose(["umbmark-physics-clean"], [], [], 1, 60.0, None, OtherRobot.load(str(tmp_path / "skewed.json")))
+    with pytest.raises(InputError, match=r"'1-castor base' cannot drive the UMBmark square, .* cannot turn it"):
+        choose([], [], [], 1, 60.0, None, OtherRobot.load("1-castor"))
     slow = dataclasses.replace(robot, max_wheel_speed=0.5)
     slow.save(tmp_path / "slow.json")
     with pytest.raises(InputError, match="is too slow"):

@@ -116,14 +116,41 @@ def test_the_same_seed_gives_the_same_episode_in_another_process(name, played_el
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_drives_in_the_environments(name):
-    env = gym.make("castor/UMBmark-v0", robot=name, corners="rounded")
+    env = gym.make("castor/UMBmark-v0", robot=name, corners="fixed" if name == "1-castor" else "rounded")
     _, info = env.reset(seed=0)
     for _ in range(60):
         _, _, _, _, info = env.step(np.zeros(3))
     expected = env.unwrapped.trajectory.at(60 * 0.05)[0]
-    if name != "1-castor":  # nothing holds the heading of a base on one castor
-        np.testing.assert_allclose(info["pose"][:2], expected[:2], atol=0.1)
+    np.testing.assert_allclose(info["pose"][:2], expected[:2], atol=0.1)
     gym.make("castor/ASOC-v1", robot=name).reset(seed=0)
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("castor/UMBmark-v0", {"corners": "turn"}),
+        ("castor/UMBmark-v0", {"corners": "rounded"}),
+        ("castor/ASOC-v1", {"trajectory": "figure-eight"}),
+    ],
+)
+def test_a_base_that_no_motor_turns_is_refused_courses_that_turn(name, arguments):
+    with pytest.raises(InputError, match=r"'1-castor base' cannot drive the .* cannot turn it"):
+        gym.make(name, robot="1-castor", **arguments)
+
+
+def test_a_base_that_no_motor_turns_drives_courses_that_keep_its_heading():
+    """The fixed square, and random courses, which bring it where other robots get: within a centimetre."""
+    _, info = run_umbmark(gym.make("castor/UMBmark-v0", robot="1-castor", corners="fixed"), lambda info: info["pose"])
+    np.testing.assert_allclose(info["pose"], 0.0, atol=0.01)
+    env = gym.make("castor/ASOC-v1", robot="1-castor").unwrapped
+    for seed in (1, 2):
+        observation, _ = env.reset(seed=seed)
+        truncated = False
+        while not truncated:
+            observation, _, terminated, truncated, info = env.step(env.follower.action(observation))
+            assert not terminated
+        assert abs(info["heading_error"]) < 1e-3
+        assert info["position_error"] < 0.01
 
 
 def run_umbmark(env, estimate):

@@ -1,15 +1,18 @@
 """Which motions wheels allow: against the velocities of their contacts, worked out by hand."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from castor_envs.motion.mobility import Mobility
-from castor_envs.vehicles.presets import preset
+from castor_envs.motion.mobility import Mobility, turned_by_motors
+from castor_envs.vehicles.presets import preset, preset_names, split_castor
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 
 PAIR = (Wheel(radius=0.05, lateral=0.1), Wheel(radius=0.05, lateral=-0.1))
+IDLE = Wheel(radius=0.05, counts_per_rev=None)
 
 
 def on_axles(*axles):
@@ -73,3 +76,23 @@ def test_the_nearest_motion_keeps_speed_and_turning(v_x, v_y, omega):
     nearest = Mobility.of(on_axles((-0.2, 0.0, 0.0))).nearest((v_x, v_y, omega))
     np.testing.assert_allclose(nearest, (v_x, 0.2 * omega, omega), atol=1e-5)
     np.testing.assert_allclose(Mobility.of(preset("omni3")).nearest((v_x, v_y, omega)), (v_x, v_y, omega), atol=1e-9)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_motors_turn_every_preset_but_the_base_on_one_castor(name):
+    assert turned_by_motors(preset(name)) == (name != "1-castor")
+
+
+@pytest.mark.parametrize(
+    ("others", "turned"),
+    [
+        ((Castor(pivot=(-0.5, 0.0), steering="fixed", wheels=(IDLE,)),), True),
+        ((Castor(pivot=(-0.5, 0.0), offset=0.05, wheels=(IDLE,)),), False),
+        ((Castor(pivot=(-0.5, 0.0), steering="fixed", wheels=(dataclasses.replace(IDLE, grip="omni"),)),), False),
+        ((split_castor((-0.5, 0.0)),), True),
+    ],
+)
+def test_what_a_split_castor_needs_to_turn_a_body(others, turned):
+    """An idle fixed wheel, which does not slip sideways, or a second split castor; no idle castor or omni wheel."""
+    robot = RobotDescription(name="two", castors=(split_castor((0.5, 0.0)), *others))
+    assert turned_by_motors(robot) == turned
