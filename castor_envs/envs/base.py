@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
 import numpy as np
+from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.envs.sensed import SensedRobot, SensedTrain
@@ -46,7 +47,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
     """A sensed vehicle, a course, and pictures. Environments say what the agent does, and under which ID.
 
     vehicle: as estimators may know it. sensed: it and its sensors. course: what is followed. sample: how many sample
-    periods of it have passed. samples: how many it takes.
+    periods of it have passed. samples: how many it takes. Before the first `reset` there is no episode: ResetNeeded.
     """
 
     ID: ClassVar[str]
@@ -62,6 +63,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
             raise InputError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
+        self._began = False
 
     def reference(self, t: ArrayLike, pose: Array) -> Array:
         """Return what a tracker reports, in rows of time t (K,), of true poses (K, 3) or (K, 3N): for recorders."""
@@ -70,12 +72,19 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
     @property
     def readings(self) -> Observation:
         """What the sensors say now, whatever the agent is shown: a copy, as all that is handed out."""
+        self._need_reset("readings")
         return copied(self.sensed.observation)
 
     @property
     def longest_episode(self) -> float:
         """How long this episode is unless it ends early, s; where the agent drives, the largest return of it."""
+        self._need_reset("longest_episode")
         return self.samples * self.vehicle.sample_period
+
+    def _need_reset(self, what: str) -> None:
+        """Raise ResetNeeded if no episode has begun. what: was asked for."""
+        if not self._began:
+            raise ResetNeeded(f"{what} needs an episode that has begun; call env.reset() first")
 
     def _start(self, seed: int | None) -> Observation:
         """Seed, and put the vehicle at rest at the start of the course."""
@@ -83,7 +92,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         course = self._next_course()
         self.samples = int(np.ceil(course.duration / self.vehicle.sample_period - 1e-9))
         self._put_at_start()
-        self.sample = 0
+        self.sample, self._began = 0, True
         if course is not self.course:
             self.course = course
             self.close()
@@ -129,6 +138,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         return Renderer(self.vehicle, self.sensed.floor, mode, fps, arena=arena)
 
     def _draw(self) -> Any:
+        self._need_reset("a picture")
         self._renderer = self._renderer or self._started_renderer()
         return self._renderer.draw(
             self.sensed.pose,

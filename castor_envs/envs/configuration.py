@@ -93,6 +93,7 @@ class ConfigurationEnv(TrainEnv):
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
+        self._need_reset("a step")
         shape = (self.train.n_axles, 3)
         flat = np.ravel(action) if np.shape(action) == shape else action
         estimate = finite(flat, self.action_space.shape, "action (the estimate x, y, psi of every axle)").reshape(shape)

@@ -112,6 +112,7 @@ class UMBmarkEnv(RobotEnv):
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
+        self._need_reset("a step")
         self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self.sensed.pose
         error, heading_error = float(np.hypot(self._off[0], self._off[1])), float(self._off[2])
         reward, self._error = self._error - error, error

@@ -78,6 +78,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
     @property
     def unscaled(self) -> Observation:
         """The newest observation, before it is scaled: a copy."""
+        self._need_reset("unscaled")
         return copied(self._unscaled)
 
     @property
@@ -106,6 +107,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Command the motors for one sample period."""
+        self._need_reset("a step")
         fraction = np.minimum(np.maximum(finite(action, self.action_space.shape, "action"), -1.0), 1.0)
         commands = self._commands(self._motors(fraction))
         self._advance(commands, self.drive)

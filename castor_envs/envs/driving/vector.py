@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from numpy.typing import NDArray
 
@@ -50,6 +51,8 @@ class TrackingVectorEnv(SyncVectorEnv):
     ) -> tuple[Any, dict[str, Any]]:
         """Reset all members, or those of ``options["reset_mask"]``."""
         given = None if options is None else options.get("reset_mask")
+        if given is not None and not self._unscaled and not np.all(given):
+            raise ResetNeeded("some members have not begun an episode; call reset() without a reset_mask first")
         self._keep_observations()
         answer = super().reset(seed=seed, options=options)
         for lane in range(self.num_envs) if given is None else _lanes_of(given):
@@ -58,6 +61,8 @@ class TrackingVectorEnv(SyncVectorEnv):
 
     def step(self, actions: Any) -> tuple[Any, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Step all members; those that have ended are reset, when and if `autoreset_mode` says so."""
+        if not self._unscaled:
+            raise ResetNeeded("a step is of an episode, and none has begun; call reset() first")
         first, over = self.envs[0], self._autoreset_envs
         if self.autoreset_mode == AutoresetMode.DISABLED and over.any():
             raise InputError(f"members {np.flatnonzero(over).tolist()} have ended; reset them by options['reset_mask']")

@@ -1,0 +1,45 @@
+"""Before the first reset there is no episode: whatever is asked of one says so, and what to do."""
+
+import gymnasium as gym
+import numpy as np
+import pytest
+from gymnasium.error import ResetNeeded
+
+from castor_envs.envs import ENVIRONMENTS
+
+DRIVEN = ("castor/ASOC-v1", "castor/CFMMR-v1")
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_nothing_is_told_of_an_episode_that_has_not_begun(name):
+    env = gym.make(name, render_mode="rgb_array").unwrapped
+    told = ["longest_episode", "readings", *(["unscaled"] if name in DRIVEN else [])]
+    for attribute in told:
+        with pytest.raises(ResetNeeded, match=rf"^{attribute} needs an episode.*env\.reset\(\)"):
+            getattr(env, attribute)
+    for call in (env.render, lambda: env.step(env.action_space.sample())):
+        with pytest.raises(ResetNeeded, match=r"env\.reset\(\)"):
+            call()
+    env.reset(seed=0)
+    for attribute in told:
+        assert getattr(env, attribute)
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_a_vector_needs_a_reset_before_a_step_and_says_nothing_of_episodes(name):
+    vector = gym.make_vec(name, num_envs=2)
+    with pytest.raises(ResetNeeded, match="reset"):
+        vector.step(vector.action_space.sample())
+    with pytest.raises(ResetNeeded, match="longest_episode"):
+        vector.call("longest_episode")
+    vector.reset(seed=0)
+    assert np.isfinite(vector.step(vector.action_space.sample())[1]).all()
+
+
+@pytest.mark.parametrize("name", DRIVEN)
+def test_the_first_reset_of_a_vector_is_of_all_members(name):
+    vector = gym.make_vec(name, num_envs=2, autoreset_mode="Disabled")
+    with pytest.raises(ResetNeeded, match="reset_mask"):
+        vector.reset(options={"reset_mask": np.array([True, False])})
+    vector.reset(options={"reset_mask": np.array([True, True])})
+    vector.step(vector.action_space.sample())
