@@ -1,7 +1,9 @@
 """The exceptions for mistakes that a user can correct, and how all messages are formed: one line, never a traceback."""
 
 import difflib
+import numbers
 from collections.abc import Iterable
+from typing import Any
 
 MOST_SHOWN = 200
 """Characters shown of a given value, or of a message from other code: two to three lines of a terminal."""
@@ -17,6 +19,13 @@ class Declined(InputError):  # noqa: N818 - a statement, not a mistake
     The message says what it needs, as in ``raise Declined("needs free castors with two wheels each")``. Any other
     exception, a ValueError too, is a fault of the estimator or of what it was given.
     """
+
+
+def whole_number(value: Any, title: str, least: int = 1) -> int:
+    """Return a given whole number of at least `least`; raises InputError for anything else, such as True or "1"."""
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or value < least:
+        raise InputError(f"{title} must be a whole number of at least {least}, got {shortened(repr(value), 60)}")
+    return int(value)
 
 
 def with_extra(extra: str) -> str:

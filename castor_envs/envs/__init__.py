@@ -12,8 +12,9 @@ from typing import Any
 import gymnasium as gym
 from gymnasium.envs.registration import load_env_creator
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
+from gymnasium.wrappers import TimeLimit
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, whole_number
 
 
 def _declared(folder: Path) -> dict[str, str]:
@@ -40,6 +41,7 @@ def make_many(
     num_envs: int,
     autoreset_mode: str | AutoresetMode = "NextStep",
     threads: int | None = None,
+    max_episode_steps: int | None = None,
     **arguments: Any,
 ) -> Any:
     """Return `num_envs` environments: what ``gymnasium.make_vec`` makes.
@@ -48,7 +50,12 @@ def make_many(
     drive are stepped as one (`castor_envs.envs.driving.vector`) unless they have effects, an estimator or a window, or
     are built differently; others one after the other. Seeds, episodes and numbers are those of single environments, bit
     for bit, also for any number of threads; None takes as many as there are processors, where that pays.
+    Episodes end after `max_episode_steps`; None and -1 leave them as long as they are, as in ``gymnasium.make``.
     """
+    num_envs = whole_number(num_envs, "num_envs")
+    threads = None if threads is None else whole_number(threads, "threads, unless None,")
+    unlimited = max_episode_steps is None or max_episode_steps == -1
+    limit = None if unlimited else whole_number(max_episode_steps, "max_episode_steps")
     kind: Any = load_env_creator(entry_point)
     several = [name for name, value in arguments.items() if isinstance(value, list)]
     for name in several:
@@ -62,13 +69,13 @@ def make_many(
         "autoreset_mode": AutoresetMode(autoreset_mode),
         "observation_mode": "different" if several else "same",
     }
-    makers = [partial(_given, env) for env in made]
     if hasattr(kind, "steps_in_fleet"):
         from castor_envs.envs.driving.vector import TrackingVectorEnv, steps_as_one
 
         if num_envs > 1 and steps_as_one(made):
-            return TrackingVectorEnv(makers, threads, **options)
-    return SyncVectorEnv(makers, **options)
+            return TrackingVectorEnv([partial(_given, env) for env in made], threads, limit, **options)
+    limited = made if limit is None else [TimeLimit(env, limit) for env in made]
+    return SyncVectorEnv([partial(_given, env) for env in limited], **options)
 
 
 def _given(env: Any) -> Any:

@@ -1,5 +1,6 @@
 """Many environments whose agents drive, stepped as one."""
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -31,7 +32,14 @@ class TrackingVectorEnv(SyncVectorEnv):
 
     envs: Any  # list[TrackingEnv]
 
-    def __init__(self, env_fns: Sequence[Any], threads: int | None = None, **options: Any) -> None:
+    def __init__(
+        self,
+        env_fns: Sequence[Any],
+        threads: int | None = None,
+        max_episode_steps: int | None = None,
+        **options: Any,
+    ) -> None:
+        """Take members. threads: None for as many as pay. max_episode_steps: after which episodes are truncated."""
         super().__init__(env_fns, **options)
         first, sensed = self.envs[0], [env.sensed for env in self.envs]
         self._lanes = (RobotLanes if isinstance(sensed[0], SensedRobot) else TrainLanes)(sensed, threads)
@@ -39,6 +47,7 @@ class TrackingVectorEnv(SyncVectorEnv):
         self._period = first.vehicle.sample_period
         self._follower = _one_follower(self.envs) if first.control == "residual" else None
         self._fastest = np.stack([env.follower.fastest for env in self.envs])
+        self._most_samples = math.inf if max_episode_steps is None else max_episode_steps
         self._sample, self._samples = np.zeros((2, self.num_envs), dtype=np.intp)
         self._places = np.empty((self.num_envs, ROWS, len(AHEAD) + 1, *places.shape))
         self._twist = np.empty((self.num_envs, ROWS, *places.shape))
@@ -62,7 +71,7 @@ class TrackingVectorEnv(SyncVectorEnv):
     def step(self, actions: Any) -> tuple[Any, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
         """Step all members; those that have ended are reset, when and if `autoreset_mode` says so."""
         if not self._unscaled:
-            raise ResetNeeded("a step is of an episode, and none has begun; call reset() first")
+            raise ResetNeeded("a step needs episodes that have begun; call reset() first")
         first, over = self.envs[0], self._autoreset_envs
         if self.autoreset_mode == AutoresetMode.DISABLED and over.any():
             raise InputError(f"members {np.flatnonzero(over).tolist()} have ended; reset them by options['reset_mask']")
@@ -162,7 +171,7 @@ class TrackingVectorEnv(SyncVectorEnv):
         """Take the state of a member."""
         env = self.envs[lane]
         self._lanes.load(lane)
-        self._sample[lane], self._samples[lane] = env.sample, env.samples
+        self._sample[lane], self._samples[lane] = env.sample, min(env.samples, self._most_samples)
         self._tabulate(lane)
         if not self._unscaled:
             self._unscaled = {name: np.empty((self.num_envs, *values.shape)) for name, values in env.unscaled.items()}

@@ -131,6 +131,24 @@ def test_threads_change_nothing():
     follow(vector, threaded, steps=5)
 
 
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+@pytest.mark.parametrize(("name", "vehicle"), [(ROBOT, {"robot": "differential"}), (TRAIN, {"train": "cfmmr-2"})])
+def test_a_limit_of_steps_truncates_as_that_of_single_ones(mode, name, vehicle):
+    vector = vector_of(name, 3, mode, max_episode_steps=5, **vehicle)
+    kwargs = {"vectorization_mode": "sync", "vector_kwargs": {"autoreset_mode": mode}, "max_episode_steps": 5}
+    assert follow(vector, gym.make_vec(name, num_envs=3, **kwargs, **vehicle), steps=14) >= 6
+    assert vector.call("longest_episode")[0] > 5 * 0.05  # that of the course
+
+
+def test_a_limit_of_steps_holds_where_members_are_stepped_one_after_the_other():
+    vector = gym.make_vec("castor/UMBmark-v0", num_envs=2, max_episode_steps=3)
+    vector.reset(seed=0)
+    ends = [vector.step(np.zeros((2, 3)))[3].tolist() for _ in range(3)]
+    assert ends == [[False, False], [False, False], [True, True]]
+    for no_limit in (None, -1):
+        gym.make_vec(ROBOT, num_envs=2, max_episode_steps=no_limit)
+
+
 def test_one_alone_is_not_stepped_in_lanes():
     vector = gym.make_vec(ROBOT, num_envs=1, vectorization_mode="vector_entry_point")
     assert type(vector.unwrapped) is SyncVectorEnv
@@ -147,6 +165,20 @@ def test_what_only_one_at_a_time_can_do_is_done_one_after_the_other():
         assert type(vector.unwrapped) is SyncVectorEnv
         vector.reset(seed=0)
         vector.step(vector.action_space.sample())
+
+
+@pytest.mark.parametrize("name", [ROBOT, "castor/UMBmark-v0"])
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        *(("num_envs", value) for value in (0, -1, 2.0, "2")),
+        *(("threads", value) for value in (0, "a", True, 1.5)),
+        *(("max_episode_steps", value) for value in (0, -2, "5", True)),
+    ],
+)
+def test_sizes_that_are_no_whole_numbers_are_refused_at_once(name, argument, value):
+    with pytest.raises(InputError, match=rf"{argument}.* must be a whole number of at least 1, got {value!r}"):
+        gym.make_vec(name, **{"num_envs": 2, argument: value})
 
 
 def test_wrong_arguments_are_named():
