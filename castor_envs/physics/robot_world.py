@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 from pymunk.constraints import Constraint, PivotJoint, SimpleMotor
 
 from castor_envs.effects.catalogue import creep_compliance_of, floor_of, radii_of
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, whole_number
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.bodies import motion_of, pose_of, twist_of
@@ -53,6 +53,8 @@ class RobotWorld:
         self.wheels["creep_compliance"] = creep_compliance_of(robot)
         self.changing_radii = radii_of(robot)
         self.driven_wheels = np.array(self.robot.driven_wheels, dtype=np.intp)
+        if held is not None:
+            held = whole_number(held, "held, the number of a castor,")
         castor_number = np.array(self.robot.wheel_castors)[self.driven_wheels] + 1
         self.held_wheels = self.driven_wheels[castor_number == held]
         if held is not None and not self.held_wheels.size:
