@@ -316,6 +316,13 @@ def test_actions_that_are_no_numbers_are_refused(name):
         env.step(np.zeros(size - 1))
     with pytest.raises(InputError, match="finite"):
         env.step(np.full(size, np.nan))
+    for numbers in (np.full(size, 1j), [1j] * size, ["0"] * size, [None] * size):
+        with pytest.raises(InputError, match=r"^action.* must be real numbers"):
+            env.step(numbers)
+    vector = gym.make_vec(name, num_envs=2)
+    vector.reset(seed=0)
+    with pytest.raises(InputError, match="must be real numbers"):
+        vector.step(np.full((2, size), 1j))
 
 
 @pytest.mark.parametrize("name", ["castor/UMBmark-v0", "castor/Configuration-v0"])
