@@ -8,6 +8,7 @@ predicts by how much they make contacts slip in a known motion.
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,7 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Slip
-from castor_envs.vehicles.effect import Contacts, Effect, Scope, SensorModel, known_effects
+from castor_envs.vehicles.effect import Contacts, Effect, RadiusChange, Scope, SensorModel, known_effects
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 
@@ -68,7 +69,11 @@ def radii_of(robot: RobotDescription) -> Callable[[Array], Array] | None:
     if not changes:
         return None
     radius = np.array([wheel.radius for wheel in built.wheels])
-    return lambda castor_angle: radius * np.prod([1.0 + change(castor_angle) for change in changes], axis=0)
+    return partial(_changed, radius, changes)
+
+
+def _changed(radius: Array, changes: Sequence[RadiusChange], castor_angle: Array) -> Array:
+    return radius * np.prod([1.0 + change(castor_angle) for change in changes], axis=0)
 
 
 def slip_of(contacts: Contacts[RobotDescription]) -> Slip:
@@ -88,14 +93,13 @@ def slip_of(contacts: Contacts[RobotDescription]) -> Slip:
 def sensor_model_of(robot: RobotDescription) -> SensorModel:
     """Return the sensor models of all the robot's effects in one, in order."""
     built = robot.as_built()
-    models = [model for effect in robot.effects if (model := effect.sensor_model(built)) is not None]
+    return partial(_in_turn, [model for effect in robot.effects if (model := effect.sensor_model(built)) is not None])
 
-    def read(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
-        for model in models:
-            wheel, castor = model(t, wheel, castor)
-        return wheel, castor
 
-    return read
+def _in_turn(models: Sequence[SensorModel], t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
+    for model in models:
+        wheel, castor = model(t, wheel, castor)
+    return wheel, castor
 
 
 def readings(

@@ -1,6 +1,7 @@
 """Effects on time: what is read late, early or unevenly, and clocks that disagree."""
 
 import math
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -57,8 +58,11 @@ class Past:
 
 def late(robot: RobotDescription, channels: list[int], latency: float) -> SensorModel:
     """Return a model that sees some channels as they were `latency` s before."""
-    past = Past(latency)
-    return on_channels(robot, channels, lambda t, angle: past.at(t - latency, t, angle))
+    return on_channels(robot, channels, partial(_before, latency, Past(latency)))
+
+
+def _before(latency: float, past: Past, t: Array, angle: Array) -> Array:
+    return past.at(t - latency, t, angle)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -149,13 +153,12 @@ class SampleJitter(Effect[RobotDescription]):
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that sees every encoder a little early or late."""
-        past, random = Past(0.0), np.random.default_rng(self.seed)
-
-        def read(t: Array, angle: Array) -> Array:
-            half = past.since(t) / 2
-            return past.at(t + np.clip(self.value * random.standard_normal(len(t)), -half, half), t, angle)
-
+        read = partial(self._read, np.random.default_rng(self.seed), Past(0.0))
         return on_channels(robot, all_channels(robot), read)
+
+    def _read(self, random: np.random.Generator, past: Past, t: Array, angle: Array) -> Array:
+        half = past.since(t) / 2
+        return past.at(t + np.clip(self.value * random.standard_normal(len(t)), -half, half), t, angle)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)

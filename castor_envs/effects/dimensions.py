@@ -1,6 +1,7 @@
 """Effects on the robot's dimensions: what is built otherwise than described."""
 
 import math
+from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
@@ -261,7 +262,10 @@ class LoadRadius(Effect[RobotDescription]):
         if self.value == 0.0 or not _swinging(robot):
             return None
         radius, standing = np.array([wheel.radius for wheel in self.apply(robot).wheels]), wheel_loads(robot, GRAVITY)
-        return lambda castor_angle: self.value * (standing - swung_loads(robot, GRAVITY, castor_angle)) / radius
+        return partial(self._change, robot, standing, radius)
+
+    def _change(self, robot: RobotDescription, standing: Array, radius: Array, castor_angle: Array) -> Array:
+        return self.value * (standing - swung_loads(robot, GRAVITY, castor_angle)) / radius
 
     def slip(self, contacts: Contacts[RobotDescription]) -> Slip | None:
         """Return how much further contacts move than wheels with the radii under the loads at rest roll."""

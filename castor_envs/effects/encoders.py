@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import partial
 from typing import Annotated, Literal, Self
 
 import numpy as np
@@ -36,16 +37,29 @@ def losing(lost: Callable[[Array, Array], Array]) -> Callable[[Array, Array], Ar
 
     lost(durations (k,), angles turned (k, c)): what is lost in each sample (k, c), rad.
     """
-    last: list[tuple[Array, Array, Array]] = []
+    return partial(_less_lost, lost, [])
 
-    def read(t: Array, angle: Array) -> Array:
-        since, before, gone = last[0] if last else (t[:1], angle[:1], np.zeros_like(angle[:1]))
-        newly = lost(np.diff(t, prepend=since), np.diff(angle, axis=0, prepend=before))
-        total = np.cumsum(np.concatenate([gone, newly]), axis=0)[1:]
-        last[:] = [(t[-1:], angle[-1:].copy(), total[-1:])]
-        return angle - total
 
-    return read
+def _less_lost(
+    lost: Callable[[Array, Array], Array], last: list[tuple[Array, Array, Array]], t: Array, angle: Array
+) -> Array:
+    since, before, gone = last[0] if last else (t[:1], angle[:1], np.zeros_like(angle[:1]))
+    newly = lost(np.diff(t, prepend=since), np.diff(angle, axis=0, prepend=before))
+    total = np.cumsum(np.concatenate([gone, newly]), axis=0)[1:]
+    last[:] = [(t[-1:], angle[-1:].copy(), total[-1:])]
+    return angle - total
+
+
+def _scaled(gain: float, t: Array, angle: Array) -> Array:
+    return gain * angle
+
+
+def _off_centre(value: float, phase: float, t: Array, angle: Array) -> Array:
+    return angle + value * np.sin(angle - phase)
+
+
+def _remainders(count: float, t: Array, turned: Array) -> Array:
+    return turned - np.trunc(turned / count) * count
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -69,7 +83,7 @@ class PivotGain(Effect[RobotDescription]):
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that scales theta."""
         channel = pivot_channel(robot, self.castor, self.name)
-        return on_channels(robot, [channel], lambda t, angle: (1.0 + self.value) * angle)
+        return on_channels(robot, [channel], partial(_scaled, 1.0 + self.value))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -94,7 +108,7 @@ class PivotEccentricity(Effect[RobotDescription]):
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that adds the sine of theta."""
         channel = pivot_channel(robot, self.castor, self.name)
-        return on_channels(robot, [channel], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
+        return on_channels(robot, [channel], partial(_off_centre, self.value, self.phase))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -124,7 +138,7 @@ class WheelEccentricity(Effect[RobotDescription]):
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that adds the sine of the wheel's angle."""
         channel = wheel_channel(robot, self.castor, self.wheel, self.name)
-        return on_channels(robot, [channel], lambda t, angle: angle + self.value * np.sin(angle - self.phase))
+        return on_channels(robot, [channel], partial(_off_centre, self.value, self.phase))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -150,14 +164,14 @@ class PivotBacklash(Effect[RobotDescription]):
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that follows theta at half the backlash."""
-        channel, half = pivot_channel(robot, self.castor, self.name), self.value / 2
-        before: list[Array] = []
+        channel = pivot_channel(robot, self.castor, self.name)
+        return on_channels(robot, [channel], sample_by_sample(partial(self._follow, [])))
 
-        def read(t: float, angle: Array) -> Array:
-            before[:] = [np.clip(before[0], angle - half, angle + half) if before else angle]
-            return before[0]
-
-        return on_channels(robot, [channel], sample_by_sample(read))
+    def _follow(self, before: list[Array], t: float, angle: Array) -> Array:
+        """Return what is read of theta (1,), rad; before: what was read last."""
+        half = self.value / 2
+        before[:] = [np.clip(before[0], angle - half, angle + half) if before else angle]
+        return before[0]
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -199,15 +213,12 @@ class TickLoss(Effect[RobotDescription]):
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that leaves out what was lost so far."""
-        channel, sign = (
-            wheel_channel(robot, self.castor, self.wheel, self.name),
-            1.0 if self.direction == "forward" else -1.0,
-        )
+        return on_channels(robot, [wheel_channel(robot, self.castor, self.wheel, self.name)], losing(self._lost))
 
-        def lost(t: Array, turned: Array) -> Array:
-            return np.where(sign * turned > self.above * t[:, None], self.value * turned, 0.0)
-
-        return on_channels(robot, [channel], losing(lost))
+    def _lost(self, durations: Array, turned: Array) -> Array:
+        """Return the angles (k, 1), rad, that are lost of those turned (k, 1) in samples of durations (k,), s."""
+        sign = 1.0 if self.direction == "forward" else -1.0
+        return np.where(sign * turned > self.above * durations[:, None], self.value * turned, 0.0)
 
     def turned(self, durations: Array, read: Array, likely: Array, count: float) -> Array:
         """Return the angles (k,), rad, that the wheel turns in samples in which its encoder reads `read` (k,), rad.
@@ -256,25 +267,33 @@ class TickLossBursts(Effect[RobotDescription]):
         """Return a model that leaves out what was lost so far."""
         channel = wheel_channel(robot, self.castor, self.wheel, self.name)
         random = None if self.seed is None else np.random.default_rng(self.seed)
-        before: list[tuple[float, Array]] = []
-        bursts = [self.start]
-        lost = np.zeros(1)
+        return on_channels(
+            robot, [channel], sample_by_sample(partial(self._read, random, [self.start], [], np.zeros(1)))
+        )
 
-        def read(t: float, angle: Array) -> Array:
-            while bursts[-1] < t:
-                bursts.append(bursts[-1] + self.period * (1.0 if random is None else random.uniform(0.0, 2.0)))
-            if before:
-                since, turned = before[0][0], angle - before[0][1]
-                while len(bursts) > 1 and bursts[1] <= since:
-                    del bursts[0]
-                begins = np.array(bursts)
-                edges = np.minimum(begins[:-1] + self.width, begins[1:])
-                shared = np.clip(np.minimum(edges, t) - np.maximum(begins[:-1], since), 0.0, None).sum()
-                lost[:] += self.value * turned * (shared / (t - since))
-            before[:] = [(t, angle)]
-            return angle - lost
-
-        return on_channels(robot, [channel], sample_by_sample(read))
+    def _read(
+        self,
+        random: np.random.Generator | None,
+        bursts: list[float],
+        before: list[tuple[float, Array]],
+        lost: Array,
+        t: float,
+        angle: Array,
+    ) -> Array:
+        """Return what is read of an angle (1,), rad, at t, s. bursts: when they begin, from the last one that counts.
+        before: time and angle of the last sample. lost: so far, rad."""
+        while bursts[-1] < t:
+            bursts.append(bursts[-1] + self.period * (1.0 if random is None else random.uniform(0.0, 2.0)))
+        if before:
+            since, turned = before[0][0], angle - before[0][1]
+            while len(bursts) > 1 and bursts[1] <= since:
+                del bursts[0]
+            begins = np.array(bursts)
+            edges = np.minimum(begins[:-1] + self.width, begins[1:])
+            shared = np.clip(np.minimum(edges, t) - np.maximum(begins[:-1], since), 0.0, None).sum()
+            lost += self.value * turned * (shared / (t - since))
+        before[:] = [(t, angle)]
+        return angle - lost
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -307,7 +326,7 @@ class LostRemainders(Effect[RobotDescription]):
         per_rev = robot.wheels[channel].counts_per_rev
         assert per_rev is not None  # as the wheel has a channel
         count = 2 * math.pi / per_rev
-        return on_channels(robot, [channel], losing(lambda t, turned: turned - np.trunc(turned / count) * count))
+        return on_channels(robot, [channel], losing(partial(_remainders, count)))
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -356,22 +375,22 @@ class LearnedTerm(Effect[RobotDescription]):
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that adds up what was read too much so far."""
-        column, turns = channel(robot, self.castor, self.wheel, self.name), len(robot.wheels) + self.castor - 1
-        last: list[tuple[Array, Array, float]] = []
+        return partial(self._read, channel(robot, self.castor, self.wheel, self.name), [])
 
-        def read(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
-            angles = np.concatenate([wheel, castor], axis=1)
-            since, before, gone = last[0] if last else (t[:1], angles[:1], 0.0)
-            course = np.concatenate([before, angles])
-            turned, middle = np.diff(course[:, column]), (course[1:] + course[:-1]) / 2
-            if self.of == "speed":
-                step = np.diff(t, prepend=since)
-                of = turned / np.where(step > 0, step, 1.0)
-            else:
-                of = middle[:, column if self.of == "own angle" else turns]
-            excess = np.cumsum([gone, *(self.curve(of) * turned)])[1:]
-            last[:] = [(t[-1:], angles[-1:].copy(), float(excess[-1]))]
-            angles[:, column] += excess
-            return angles[:, : wheel.shape[1]], angles[:, wheel.shape[1] :]
-
-        return read
+    def _read(
+        self, column: int, last: list[tuple[Array, Array, float]], t: Array, wheel: Array, castor: Array
+    ) -> tuple[Array, Array]:
+        """Return what is read of all angles. last: time and angles of the last sample, and the excess so far, rad."""
+        angles, w = np.concatenate([wheel, castor], axis=1), wheel.shape[1]
+        since, before, gone = last[0] if last else (t[:1], angles[:1], 0.0)
+        course = np.concatenate([before, angles])
+        turned, middle = np.diff(course[:, column]), (course[1:] + course[:-1]) / 2
+        if self.of == "speed":
+            step = np.diff(t, prepend=since)
+            of = turned / np.where(step > 0, step, 1.0)
+        else:
+            of = middle[:, column if self.of == "own angle" else w + self.castor - 1]
+        excess = np.cumsum([gone, *(self.curve(of) * turned)])[1:]
+        last[:] = [(t[-1:], angles[-1:].copy(), float(excess[-1]))]
+        angles[:, column] += excess
+        return angles[:, :w], angles[:, w:]

@@ -2,8 +2,10 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from castor_envs.description import explain
@@ -95,16 +97,21 @@ def all_channels(robot: RobotDescription) -> list[int]:
 
 def on_channels(robot: RobotDescription, channels: Sequence[int], read: Callable[[Array, Array], Array]) -> SensorModel:
     """Return a sensor model that passes angles (k, c) of some channels, and no others, through `read(t, angles)`."""
-    w, columns = len(robot.wheels), np.array(channels, dtype=np.intp)
+    return partial(_on_columns, np.array(channels, dtype=np.intp), read)
 
-    def model(t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
-        angles = np.concatenate([wheel, castor], axis=1)
-        angles[:, columns] = read(t, angles[:, columns])
-        return angles[:, :w], angles[:, w:]
 
-    return model
+def _on_columns(
+    columns: NDArray[np.intp], read: Callable[[Array, Array], Array], t: Array, wheel: Array, castor: Array
+) -> tuple[Array, Array]:
+    angles, w = np.concatenate([wheel, castor], axis=1), wheel.shape[1]
+    angles[:, columns] = read(t, angles[:, columns])
+    return angles[:, :w], angles[:, w:]
 
 
 def sample_by_sample(read: Callable[[float, Array], Array]) -> Callable[[Array, Array], Array]:
     """Return a function that passes samples through `read(t, angles (c,))` one after another."""
-    return lambda t, angle: np.stack([read(*sample) for sample in zip(t.tolist(), angle, strict=True)])
+    return partial(_each_sample, read)
+
+
+def _each_sample(read: Callable[[float, Array], Array], t: Array, angle: Array) -> Array:
+    return np.stack([read(*sample) for sample in zip(t.tolist(), angle, strict=True)])

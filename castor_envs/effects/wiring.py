@@ -1,5 +1,6 @@
 """Effects of wrong wiring: encoders swapped or reversed. They are there or not: their value is always 1."""
 
+from functools import partial
 from itertools import combinations
 from typing import Literal
 
@@ -17,6 +18,7 @@ from castor_envs.effects.parts import (
     wheel_encoders,
 )
 from castor_envs.errors import InputError
+from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect, Number, SensorModel, ThereOrNot
 from castor_envs.vehicles.robot import Castor, RobotDescription
 
@@ -73,7 +75,7 @@ class EncoderReversed(Effect[RobotDescription]):
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that turns the sign."""
-        return on_channels(robot, [channel(robot, self.castor, self.wheel, self.name)], lambda t, angle: -angle)
+        return on_channels(robot, [channel(robot, self.castor, self.wheel, self.name)], _reversed)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -133,4 +135,12 @@ def _exchanged(robot: RobotDescription, channels: list[int], sources: list[int])
     zero = np.array([0.0] * len(robot.wheels) + [castor.pivot_zero for castor in robot.castors])
     order = [channels.index(source) for source in sources]
     scale, channel_zero, source_zero = per_rev[sources] / per_rev[channels], zero[channels], zero[sources]
-    return on_channels(robot, channels, lambda t, angle: (angle[:, order] + source_zero) * scale - channel_zero)
+    return on_channels(robot, channels, partial(_in_order, order, source_zero, scale, channel_zero))
+
+
+def _in_order(order: list[int], source_zero: Array, scale: Array, channel_zero: Array, t: Array, angle: Array) -> Array:
+    return (angle[:, order] + source_zero) * scale - channel_zero
+
+
+def _reversed(t: Array, angle: Array) -> Array:
+    return -angle

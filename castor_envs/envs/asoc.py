@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from castor_envs.envs.base import Course, RobotEnv
+from castor_envs.envs.base import RobotEnv
+from castor_envs.envs.course import Course, RobotCourse
 from castor_envs.envs.driving.followers import RobotFollower
 from castor_envs.envs.driving.tracking import Control, EstimatorClass, TrackingEnv
 from castor_envs.envs.sensed import SensedRobot
@@ -122,7 +123,7 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
         if not self._random:
             return self.course
         self.trajectory = self._drawn(self.np_random)
-        return self._course_along(self.trajectory)
+        return RobotCourse(self.trajectory)
 
     def _advance(self, commands: Commands, drive: Drive) -> None:
         self.sensed.advance(commands, drive)

@@ -1,7 +1,5 @@
 """What the environments share: a sensed vehicle that is to follow a course, and its pictures."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
@@ -9,6 +7,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import ArrayLike, NDArray
 
+from castor_envs.envs.course import Course, RobotCourse, TrainCourse
 from castor_envs.envs.sensed import SensedRobot, SensedTrain
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor, load_floor
@@ -27,20 +26,6 @@ from castor_envs.vehicles.train import TrainDescription
 Sensed = TypeVar("Sensed", SensedRobot, SensedTrain)
 
 VIEW_MARGIN = 0.6  # m of floor shown around the course and the robot on it
-
-
-@dataclass(frozen=True, eq=False)
-class Course:
-    """What a vehicle is to follow from the origin.
-
-    duration: s. target: the pose (..., 3) of a robot, or the poses (..., N, 3) of a train's axles, at times (...), s.
-    twist: the twists in their frames then, of the same shape. line: all of it, (k, 3), to be drawn.
-    """
-
-    duration: float
-    target: Callable[[ArrayLike], Array]
-    twist: Callable[[ArrayLike], Array]
-    line: Callable[[], Array]
 
 
 class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
@@ -64,6 +49,9 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
         self._began = False
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__ | {"_renderer": None}  # windows are not copied: a copy opens its own
 
     def reference(self, t: ArrayLike, pose: Array) -> Array:
         """Return what a tracker reports, in rows of time t (K,), of true poses (K, 3) or (K, 3N): for recorders."""
@@ -170,15 +158,7 @@ class RobotEnv(VehicleEnv[SensedRobot]):
         self.robot, self.trajectory = sensed.described, trajectory
         check_drivable(self.robot, trajectory)
         margin = VIEW_MARGIN + max(np.hypot(*castor.pivot) for castor in self.robot.castors)
-        super().__init__(sensed, self._course_along(trajectory), longest or trajectory.duration, render_mode, margin)
-
-    def _course_along(self, trajectory: Trajectory) -> Course:
-        return Course(
-            trajectory.duration,
-            lambda time: trajectory.at(time)[0],
-            lambda time: trajectory.at(time)[1],
-            lambda: trajectory.at(np.linspace(0.0, trajectory.duration, 400))[0],
-        )
+        super().__init__(sensed, RobotCourse(trajectory), longest or trajectory.duration, render_mode, margin)
 
     def _put_at_start(self) -> None:
         first = self.trajectory.runs[0].legs[0].motion
@@ -206,28 +186,13 @@ class TrainEnv(VehicleEnv[SensedTrain]):
         self._given_path = path
         self.path = named_path(path, np.random.default_rng(0))  # a random one is drawn anew by `reset`
         longest = self.path.duration if path != "random" else LONGEST_RANDOM / SPEED + 2.0
-        super().__init__(sensed, self._course_along(self.path), longest, render_mode, VIEW_MARGIN)
-
-    def _course_along(self, path: TrainPath) -> Course:
-        def target(time: ArrayLike) -> Array:
-            covered, _ = path.progress(np.asarray(time, dtype=float))
-            return path.at(covered[..., None] - self._behind)[0]
-
-        def twist(time: ArrayLike) -> Array:
-            covered, speed = path.progress(np.asarray(time, dtype=float))
-            turn = path.at(covered[..., None] - self._behind)[1]
-            return speed[..., None, None] * np.stack([np.ones_like(turn), np.zeros_like(turn), turn], axis=-1)
-
-        def line() -> Array:
-            return path.at(np.linspace(-self._behind[-1], path.length, 400))[0]
-
-        return Course(path.duration, target, twist, line)
+        super().__init__(sensed, TrainCourse(self.path, self._behind), longest, render_mode, VIEW_MARGIN)
 
     def _next_course(self) -> Course:
         if self._given_path != "random":
             return self.course
         self.path = named_path(self._given_path, self.np_random)
-        return self._course_along(self.path)
+        return TrainCourse(self.path, self._behind)
 
     def _put_at_start(self) -> None:
         self.sensed.reset(self.np_random)

@@ -107,6 +107,9 @@ class Simulation:
         self.iterations, self.layout = iterations, tuple(self.joints[["kind", "a", "b"]].tolist())
         self.patches, self.cables = floor.patch_array(), floor.cable_array()
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in self.__dict__.items() if name != "_run_substeps"}  # bound to its memory
+
     @property
     def space(self) -> pymunk.Space:
         """The same bodies, as they are now, in pymunk; how they are moved there counts. Ask again after `advance`."""

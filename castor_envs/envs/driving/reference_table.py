@@ -5,7 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from castor_envs.envs.base import Course
+from castor_envs.envs.course import Course
 from castor_envs.geometry.arrays import Array
 
 ROWS = 64
