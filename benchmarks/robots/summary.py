@@ -7,7 +7,7 @@ from typing import Any
 from castor_envs.description import InvalidDescription
 from castor_envs.errors import InputError, printable, shortened
 from castor_envs.logs.columns import LogColumns
-from castor_envs.motion.mobility import Mobility
+from castor_envs.motion.mobility import Mobility, turned_by_motors
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.plausibility import remarks
 from castor_envs.vehicles.robot import Castor, RobotDescription
@@ -102,6 +102,8 @@ def _mobility(robot: RobotDescription) -> Iterator[str]:
     }
     yield f"motion: {can[mobility.freedom]} ({mobility.freedom} of 3 degrees of freedom)"
     yield f"turns about: {_center(mobility)}"
+    if not turned_by_motors(robot):
+        yield "motors cannot turn its body: nothing holds it on its castor"
     if mobility.steered:
         numbers = ", ".join(str(i + 1) for i in mobility.steered)
         yield f"castors that turn first, as their offset is 0 or their wheels have rollers: {numbers}"

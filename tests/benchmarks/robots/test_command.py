@@ -66,6 +66,13 @@ def test_what_a_file_says_and_its_picture(call, tmp_path):
     assert (tmp_path / "trike.png").read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.parametrize(("name", "turned"), [("1-castor", False), ("2-castor", True)])
+def test_a_base_that_its_motors_cannot_turn_is_described_as_such(call, name, turned):
+    code, out, _ = call(name)
+    assert code == 0
+    assert ("motors cannot turn its body: nothing holds it on its castor" in out.splitlines()) != turned
+
+
 @pytest.mark.parametrize(
     ("name", "shown"),
     [
