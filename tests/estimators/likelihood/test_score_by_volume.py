@@ -11,6 +11,9 @@ from castor_envs.vehicles.presets import preset
 from estimators.calibration.maximum_likelihood.fit import State, fitted
 from estimators.likelihood.log_likelihood import LogLikelihood, Noise
 
+Number = tuple[str, tuple[int, ...]]
+"""A field of a geometry, and which of its numbers."""
+
 TRICYCLE = preset("tricycle")
 CHANGE = 1e-5
 """m: with 1e-4 the forward difference of the volume is off by 1 %."""
@@ -19,25 +22,27 @@ CHANGE = 1e-5
 def straight() -> Log:
     """A tricycle drives 4 m; its steering encoder always reads 0, as its castor turns within half a count."""
     front, random, t = TRICYCLE.castors[0], np.random.default_rng(3), 0.05 * np.arange(400)
-    steered = 2 * np.pi / front.pivot_counts_per_rev * 0.45 * np.sin(1.3 * t)
+    geometry = Geometry.of(TRICYCLE)
+    steered = 2 * np.pi / geometry.pivot_counts_per_rev[0] * 0.45 * np.sin(1.3 * t)
     way = 0.01 * (1 - np.cos(0.7 * t))
     psi = np.cumsum(way * np.sin(steered)) / front.pivot[0]
     pose = np.column_stack([np.cumsum(way * np.cos(psi)), np.cumsum(way * np.sin(psi)), psi])
-    wheel = np.round(np.cumsum(way) / front.wheels[0].radius * front.wheels[0].counts_per_rev / (2 * np.pi))
+    wheel = np.round(np.cumsum(way) / geometry.radius[0] * geometry.counts_per_rev[0] / (2 * np.pi))
     noise = random.normal(size=pose.shape) * 1e-3
     return Log(t, wheel[:, None], np.zeros((400, 1)), reference=pose + noise)
 
 
-def moved(geometry: Geometry, name: str, index: tuple[int, ...], by: float) -> Geometry:
+def moved(geometry: Geometry, number: Number, by: float) -> Geometry:
+    name, index = number
     numbers = np.array(getattr(geometry, name))
     numbers[index] += by
     return replace(geometry, **{name: numbers})
 
 
-def slopes(model: LogLikelihood, geometry: Geometry, at: State, noise: Noise, *number) -> tuple[float, float]:
+def slopes(model: LogLikelihood, geometry: Geometry, at: State, noise: Noise, number: Number) -> tuple[float, float]:
     """Slopes of log evidence at a state by a number of the geometry: its central difference, and that of the formula's
     least squares alone."""
-    lower, higher = (moved(geometry, *number, by) for by in (-CHANGE, CHANGE))
+    lower, higher = (moved(geometry, number, by) for by in (-CHANGE, CHANGE))
 
     def log_evidence(geometry: Geometry) -> float:
         nothing = geometry, np.zeros(0), at.states[0], at.clocks[0], at.mount, noise
@@ -56,8 +61,8 @@ def test_with_the_volume_the_score_is_the_slope_of_log_evidence_where_steering_s
     at, noise, _ = fitted([model], geometry, (), np.zeros(0), None)
     for _ in range(5):  # the slope of the least squares is exact where the state is the most likely, to rounding
         at, _, _ = fitted([model], geometry, (), np.zeros(0), noise, (at, noise))
-    whole, least_squares = slopes(model, geometry, at, noise, *number)
-    larger = moved(geometry, *number, CHANGE)
+    whole, least_squares = slopes(model, geometry, at, noise, number)
+    larger = moved(geometry, number, CHANGE)
     by_volume = model.score_by_volume(
         geometry, [larger], np.array([CHANGE]), at.states[0], at.clocks[0], at.mount, noise
     )
