@@ -389,19 +389,27 @@ def _confirmed(search: _Search, usual: list[dict[str, Found]] | None) -> Diagnos
 def _with_dimensions(
     diagnosis: Diagnosis[RobotDescription, Linearised], search: _Search, held_out: _HeldOut
 ) -> Diagnosis[RobotDescription, Linearised]:
-    """Return a diagnosis with the dimensions as they are guessed together, if any is in a credible set and the guess
-    shrinks the gap of held-out logs."""
+    """Return a diagnosis with the dimensions as they are guessed together, and sizes of named ones beside these, if any
+    is in a credible set and the guess shrinks the gap of held-out logs."""
     seen, material = search.seen, search.material
     built = dimensions_of(search.robot, seen)
     if not any(effect.candidate.family in answer.credible for effect in built for answer in diagnosis.answers):
         return diagnosis
-    of_model = {effect.candidate: effect for effect in (*search.begin, *search.named)}
-    built = [of_model.get(effect.candidate, effect) for effect in built]
-    dimensions = {effect.candidate for effect in built}
-    others = [effect for effect in diagnosis.sized if effect.candidate not in dimensions]
-    together = guessed(search.base, search.look, seen, search.good, built, others)
+    in_model = {effect.candidate: effect for effect in (*search.begin, *search.named)}
+    named, dimensions = diagnosis.sized, {effect.candidate for effect in built}
+    certain = {effect.candidate for effect in named}
+    others = [in_model.get(effect.candidate, effect) for effect in built if effect.candidate not in certain]
+    together = guessed(search.base, search.look, seen, search.good, others, named)
     if not together:
         return diagnosis
-    changed = replace(diagnosis, dimensions=tuple(one for one in together if one.matters(seen, material)))
+    sizes = {one.sized.candidate: one for one in together[len(others) :] if one.sized.candidate in dimensions}
+    answers = [
+        answer
+        if (one := sizes.get(answer.candidate)) is None
+        else replace(answer, amplitudes=one.sized.amplitudes, covariance=np.diag(one.error**2))
+        for answer in diagnosis.answers
+    ]
+    dimensions_told = tuple(one for one in together[: len(others)] if one.matters(seen, material))
+    changed = replace(diagnosis, answers=tuple(answers), dimensions=dimensions_told)
     pair = held_out.beside(diagnosis.found), held_out.beside(changed.found)
     return changed if gap_shrinks(*pair, material) and not gap_grows(*pair, material) else diagnosis

@@ -85,47 +85,50 @@ def guessed(
     seen: Linearised,
     good: Linearised | None,
     dimensions: Sequence[Sized],
-    others: Sequence[Sized],
+    named: Sequence[Sized],
 ) -> list[Dimension]:
-    """Return the posterior mean of all dimensions together, with the states fitted anew beside it; none where no robot
-    can have it, as logs of hardly any motion may guess.
+    """Return the posterior mean of all dimensions together and, after them, of named effects, with the states fitted
+    anew beside it; none where no robot can have it, as logs of hardly any motion may guess.
 
-    good: clean logs, linearised. dimensions: all of them, in sizes to begin with. others: further effects in the model,
-    whose prior is flat.
+    good: clean logs, linearised. dimensions: those that are not named, in sizes to begin with. named: effects in the
+    model, of dimensions and others, whose prior is flat.
     """
-    among = [effect.candidate for effect in (*dimensions, *others)]
-    current, errors = [*dimensions, *others], []
+    among = [effect.candidate for effect in (*dimensions, *named)]
+    current, errors = [*dimensions, *named], []
     for _ in range(ROUNDS):
         seen = look([effect for effect in current if np.any(effect.amplitudes)], seen, among)
         current, errors = _together(seen, order_of(seen, good), current, len(dimensions))
         if not possible(robot, current):
             return []
-    return [Dimension(effect, error) for effect, error in zip(current, errors, strict=False)]
+    return [Dimension(effect, error) for effect, error in zip(current, errors, strict=True)]
 
 
 def _together(
     seen: Linearised, order: GoodOrder, effects: Sequence[Sized], count: int
 ) -> tuple[list[Sized], list[Array]]:
-    """Return effects with the posterior mean of their sizes, and the standard errors of the first `count`, which are
-    dimensions."""
+    """Return effects with the posterior mean of their sizes, and their standard errors; the first `count` are
+    dimensions that are Cauchy distributed together."""
     directions = directions_in_model(seen, [effect.candidate for effect in effects])
     sizes = np.concatenate([effect.amplitudes for effect in effects])
     logs = agreeing([log.at(-directions @ sizes) for log in seen.logs], seen.lasting)
     information, score = order.beyond(logs).of_combinations(directions)
-    columns = np.concatenate([seen.columns[seen.candidates.index(effect.candidate)] for effect in effects[:count]])
-    k = len(columns)
-    by_others = information[:k, k:] @ np.linalg.pinv(information[k:, k:], rcond=1e-9, hermitian=True)
-    apart = information[:k, :k] - by_others @ information[k:, :k], score[:k] - by_others @ score[k:]
-    mean, error = shared_cauchy(*apart, FAULT * tolerances(seen)[columns])
-    others = np.linalg.lstsq(information[k:, k:], score[k:] - information[k:, :k] @ mean, rcond=1e-9)[0]
-    ends = np.cumsum([len(effect.amplitudes) for effect in effects])
-    moves = np.split(np.concatenate([mean, others]) - sizes, ends[:-1])
+    columns = [seen.columns[seen.candidates.index(effect.candidate)] for effect in effects[:count]]
+    scale = FAULT * tolerances(seen)[np.concatenate([np.zeros(0, dtype=np.intp), *columns])]
+    k = len(scale)
+    of_others = np.linalg.pinv(information[k:, k:], rcond=1e-9, hermitian=True)
+    follows = of_others @ information[k:, :k]  # how much the others shrink as a dimension grows
+    apart = information[:k, :k] - information[:k, k:] @ follows, score[:k] - follows.T @ score[k:]
+    mean, covariance = shared_cauchy(*apart, scale)
+    others = of_others @ score[k:] - follows @ mean
+    errors = np.sqrt(np.concatenate([np.diag(covariance), np.diag(of_others + follows @ covariance @ follows.T)]))
+    ends = np.cumsum([len(effect.amplitudes) for effect in effects])[:-1]
+    moves = np.split(np.concatenate([mean, others]) - sizes, ends)
     moved = [effect.moved(np.asarray(move)) for effect, move in zip(effects, moves, strict=True)]
-    return moved, np.split(error, ends[: count - 1])
+    return moved, np.split(errors, ends)
 
 
 def shared_cauchy(information: Array, score: Array, scale: Array) -> tuple[Array, Array]:
-    """Return posterior means and standard deviations (k,) of sizes that are Cauchy distributed together about 0, with
+    """Return posterior means (k,) and covariance (k, k) of sizes that are Cauchy distributed together about 0, with
     these scales: normal, with one unknown factor on all of them. information (k, k) and score (k,) at 0."""
     strength, way = np.linalg.eigh(information * np.outer(scale, scale))
     along, strength = way.T @ (scale * score), np.maximum(strength, 0.0)
@@ -134,8 +137,10 @@ def shared_cauchy(information: Array, score: Array, scale: Array) -> tuple[Array
     weight = np.exp(log_evidence - log_evidence.max())
     means = (along * variance) @ way.T
     mean = np.average(means, axis=0, weights=weight)
-    square = np.average(variance @ (way**2).T + (means - mean) ** 2, axis=0, weights=weight)
-    return scale * mean, scale * np.sqrt(square)
+    off = means - mean
+    covariance = (way * np.average(variance, axis=0, weights=weight)) @ way.T
+    covariance += (weight / weight.sum() * off.T) @ off
+    return scale * mean, covariance * np.outer(scale, scale)
 
 
 def _numbers(robot: RobotDescription) -> Array:
