@@ -46,7 +46,8 @@ def find(
     """Name the effects that the robot file lacks; the word `find` may be left out.
 
     Verdicts: named; ambiguous (these motions cannot distinguish several effects); unconfirmed (the held-out logs do not
-    confirm it); unexplained (no effect of the catalogue explains the logs); negligible (it costs less than --material);
+    confirm it); unexplained (no effect of the catalogue explains the logs); negligible (it costs less than --material,
+    or clean logs show it as large);
     no discrepancy.
     """
     for option, path, what in (("--out", out, "folder"), ("--separate", separate, "file")):

@@ -36,6 +36,7 @@ from discrepancy.posterior.model.refit import (
 )
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
+from discrepancy.posterior.there_before import in_good_order, there_before
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
@@ -53,7 +54,7 @@ class Diagnosis(Generic[V, S]):
 
     before, after: the logs linearised without and with the named effects and learned curves; held_out: both for
     held-out logs. inclusion: probability of every name to be among the missing effects. creep: factor of predicted
-    creep under forces in clean logs, if there are any.
+    creep under forces in clean logs, if there are any; clean_gap: gap of these.
     """
 
     robot: V
@@ -64,6 +65,7 @@ class Diagnosis(Generic[V, S]):
     after: S
     held_out: tuple[S, S] | None
     creep: float | None = None
+    clean_gap: tuple[float, float] | None = None
     dimensions: tuple[Dimension, ...] = ()
 
     @property
@@ -101,13 +103,14 @@ def diagnose(
     """
     check_seen(robot, logs, held_out, clean)
     with must_fit(robot):
-        good, usual = None, None
+        good, usual, robot_before = None, None, without(before or robot, SampleJitter)
         if clean:
-            good = linearise(without(before or robot, SampleJitter), clean)
+            good = linearise(robot_before, clean)
             usual, good = noise_of(good), replace(good, designs=())
         search = _Search(without(robot, SampleJitter), logs, held_out, clean, good, material)
         search.run()
-        return _confirmed(search, usual)
+        as_before = frozenset[str]() if good is None else in_good_order(robot_before, clean, good, search.named)
+        return _confirmed(search, usual, as_before)
 
 
 def unexamined(robot: RobotDescription, logs: Sequence[Log]) -> Diagnosis[RobotDescription, Linearised]:
@@ -359,8 +362,11 @@ class _HeldOut:
         return linearise(robot, self.search.held_out, among=among, released=self.free, **known)
 
 
-def _confirmed(search: _Search, usual: list[dict[str, Found]] | None) -> Diagnosis[RobotDescription, Linearised]:
-    """Return the diagnosis: what was found, as far as held-out logs confirm it. usual: noise of clean logs."""
+def _confirmed(
+    search: _Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]
+) -> Diagnosis[RobotDescription, Linearised]:
+    """Return the diagnosis: what was found, as far as held-out logs confirm it, and clean logs do not show it as large.
+    usual: noise of clean logs; as_before: families that these show (`in_good_order`)."""
     robot, base, logs, seen, material = search.robot, search.base, search.logs, search.seen, search.material
     held_out = _HeldOut(search)
     after = None if held_out.pair is None else held_out.pair[1]
@@ -377,12 +383,15 @@ def _confirmed(search: _Search, usual: list[dict[str, Found]] | None) -> Diagnos
 
     order = None if after is None else order_of(after, search.good)
     answers = judged([*search.answers, *beside], search.named, held_out.pair, order, material, with_other_sizes)
+    answers = tuple(there_before(answer) if answer.candidate.family in as_before else answer for answer in answers)
     pair = None
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
     diagnosis = Diagnosis(
         robot, verdict_of(answers), answers, inclusion, search.plain, seen.without_designs(), pair, search.creep
     )
+    if search.good is not None:
+        diagnosis = replace(diagnosis, clean_gap=search.good.gap)
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
 
 

@@ -98,7 +98,7 @@ def _card(data: Data, answer: Data) -> Data:
 def _trifles(data: Data) -> Iterator[str]:
     for answer in data["answers"]:
         if answer["verdict"] == "negligible":
-            told = answer["what"], sentences.size_of(answer), sentences.cost_of(answer)
+            told = answer["reason"], sentences.size_of(answer), sentences.cost_of(answer)
             yield ", ".join(part for part in told if part)
 
 
@@ -114,6 +114,8 @@ def _gap_notes(data: Data) -> Iterator[str]:
     elif noise := data["noise"]:
         position, heading = (number(noise[key], MILLI, 2) for key in ("position_m", "heading_rad"))
         yield f"The reference itself is uncertain by {position} mm and {heading} mrad."
+    if _gap(data) and data["clean_gap"]:
+        yield f"In the clean logs it is {sentences.off(data['clean_gap'])}."
 
 
 def _replay(replay: Data) -> Data | None:

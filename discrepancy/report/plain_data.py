@@ -46,6 +46,7 @@ def as_data(
         "names": _names(diagnosis),
         "gap": _gaps(*seen),
         "held_out_gap": None if held_out is None else _gaps(*held_out),
+        "clean_gap": None if diagnosis.clean_gap is None else list(diagnosis.clean_gap),
         "noise": None if seen[0].gap is None else {"position_m": noise.position, "heading_rad": noise.heading},
         **dict(zip(("logs", "held_out_logs", "clean_logs"), map(list, logs), strict=True)),
         "replay": None,

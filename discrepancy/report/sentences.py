@@ -45,8 +45,8 @@ def sentence(data: Data) -> str:
     if not answers and mistakes:
         parts.append("Nothing else that matters is missing.")
     elif not answers:
-        trifles = [answer["what"] for answer in data["answers"]]
-        nothing = f"Nothing that matters is missing: {', '.join(trifles)} costs too little." if trifles else ""
+        trifles = "; ".join(answer["reason"] for answer in data["answers"])
+        nothing = f"Nothing that matters is missing: {trifles}." if trifles else ""
         parts.append(nothing or "The robot's file explains these logs: nothing is missing.")
     parts.append(together(data))
     return " ".join(part for part in parts if part)
@@ -69,8 +69,8 @@ def as_lines(data: Data) -> list[str]:
         lines += [told + (f": {size}" if size else ""), *(f"  {name}{said}" for name, said in below.items() if said)]
     if not material(data) and not data["mistakes"]:
         lines.append(sentence(data))
-    elif trifles := [answer["what"] for answer in data["answers"] if answer["verdict"] == "negligible"]:
-        lines.append(f"costs too little to matter: {', '.join(trifles)}")
+    elif trifles := [answer["reason"] for answer in data["answers"] if answer["verdict"] == "negligible"]:
+        lines.append(f"no fault: {'; '.join(trifles)}")
     lines += [said for said in (together(data),) if said and material(data)]
     lines += gaps_of(data)
     if replays := data["replay"]:
@@ -88,6 +88,10 @@ def gaps_of(data: Data) -> list[str]:
             before, after = data[of]
             now = "" if after is None else f"; with {file} {off(after)}, {_parts(before, after)} stay"
             lines.append(f"odometry with predicted creep is off the reference{log_set} by {off(before)} (rms){now}")
+    if lines and data["clean_gap"]:
+        lines.append(
+            f"odometry with predicted creep is off the reference in the clean logs by {off(data['clean_gap'])} (rms)"
+        )
     return lines
 
 
@@ -101,10 +105,10 @@ def stays(data: Data) -> str:
     """Return what stays of the gap with the robot that is written, if that is half or more; else nothing."""
     if (staying := _staying(data)) is None:
         return ""
-    log_set, before, after, noise = staying
+    log_set, before, after, usual = staying
     share, of = f"{PERCENT * after / before:.0f} % of the gap{log_set} stays", f"{after:.3g} of {before:.3g} mm (rms)"
-    if noise:
-        return f"{share}, {of}; the reference's own noise is about {noise:.2g} mm."
+    if usual:
+        return f"{share}, {of}; {usual}."
     if after >= before:
         return f"What is named does not shrink the gap{log_set}: {after:.3g} instead of {before:.3g} mm (rms)."
     return f"{share} unexplained: {of}."
@@ -239,20 +243,24 @@ def _told(data: Data, answer: Data) -> str:
     return f"{names}, which costs {cost}" if cost else names
 
 
-def _staying(data: Data) -> tuple[str, float, float, float] | None:
-    """Return the first gap of which half or more stays: where, mm before and after, and the reference's own noise, mm,
-    if that is half of it or more; None if there is none."""
-    replays, position = data["replay"] or {}, data["noise"]["position_m"] if data["noise"] else None
+def _staying(data: Data) -> tuple[str, float, float, str] | None:
+    """Return the first gap of which half or more stays: where, mm before and after, and what is as large in good order,
+    if half of it or more is: the reference's own noise, or the gap of clean logs; None if there is none."""
+    replays, position, clean = data["replay"] or {}, data["noise"], data["clean_gap"]
+    usual = {
+        "the reference's own noise is about {:.2g} mm": math.sqrt(2) * position["position_m"] if position else 0.0,
+        "it is {:.3g} mm in the clean logs": clean[0] if clean else 0.0,
+    }
     gaps = [
         (log_set, [None if gap is None else MILLI * gap[0] for gap in data[of]]) for log_set, of in GAPS if data[of]
     ]
     if not gaps:
         counted = [(replays.get(state) or {}).get("wheels_rms_mm") for state in ("before", "after")]
-        gaps, position = [(" between simulated and measured wheel counts", counted)], None
+        gaps, usual = [(" between simulated and measured wheel counts", counted)], {}
     for log_set, (before, after) in gaps:
         if before and after is not None and after >= HALF * before:
-            noise = MILLI * math.sqrt(2) * (position or 0.0)  # along both axes
-            return log_set, before, after, noise if noise >= HALF * after else 0.0
+            as_usual = (told.format(MILLI * gap) for told, gap in usual.items() if MILLI * gap >= HALF * after)
+            return log_set, before, after, next(as_usual, "")
     return None
 
 

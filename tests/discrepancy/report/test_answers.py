@@ -51,6 +51,7 @@ DATA: dict[str, Any] = {
     "names": {"wheel_radius 2 1": RADIUS, "encoder_latency 3 None": LATE},
     "gap": [[0.0125, 0.0123], [0.0004, 0.0005]],
     "held_out_gap": None,
+    "clean_gap": None,
     "noise": {"position_m": 0.0003, "heading_rad": 0.0002},
     "logs": ["monday/log.csv", "tuesday/log.csv"],
     "held_out_logs": [],
@@ -82,7 +83,7 @@ CURVE = {
     "nearest": {"what": "slope of the floor", "cosine": 0.187},
 }
 LEARNED = UNEXPLAINED | {"what": "a term learned from logs", "size": 1.0, "unit": "1", "curve": CURVE}
-TRIFLE = ANSWER | {"verdict": "negligible", "cost": [1e-4, 0.0]}
+TRIFLE = ANSWER | {"verdict": "negligible", "cost": [1e-4, 0.0], "reason": f"{RADIUS} costs less than matters"}
 
 
 class Reader(HTMLParser):
@@ -176,6 +177,15 @@ def test_of_a_gap_that_is_noise_it_says_so():
     assert not sentences.unexplained(data)
 
 
+def test_of_a_gap_that_clean_logs_have_as_well_it_says_so():
+    data = DATA | {"gap": [[0.0051, 0.005], [0.00365, 0.003]], "clean_gap": [0.009, 0.006], "clean_logs": ["good.csv"]}
+    says = "72 % of the gap stays, 3.65 of 5.1 mm (rms); it is 9 mm in the clean logs."
+    assert sentences.sentence(data).startswith(says)
+    assert not sentences.unexplained(data)
+    assert sentences.gaps_of(data)[-1].endswith("is off the reference in the clean logs by 9 mm and 6 mrad (rms)")
+    assert "In the clean logs it is 9 mm and 6 mrad." in html_of(data, [])
+
+
 def test_a_gross_mistake_is_reported_with_its_alternatives():
     mistake = {"verdict": "ambiguous", "what": "pivot_1 is reversed: see", "alternatives": ["wheel_1l is reversed"]}
     text = sentences.sentence(answered(mistakes=[mistake]))
@@ -191,7 +201,7 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
             answered(AMBIGUOUS),
             f"these motions cannot distinguish: {RADIUS} (60 %) or {LATE} (40 %), which costs 39.2 mm",
         ),
-        (answered(TRIFLE), f"Nothing that matters is missing: {RADIUS} costs too little."),
+        (answered(TRIFLE), f"Nothing that matters is missing: {RADIUS} costs less than matters."),
         (answered(), "The robot's file explains these logs: nothing is missing."),
     ],
 )
@@ -242,7 +252,7 @@ def test_of_many_answers_the_sentence_tells_the_costliest():
     assert "; and 3 more." in text
 
 
-@pytest.mark.parametrize("key", ["gap", "held_out_gap", "noise", "replay", "where", "robot_file"])
+@pytest.mark.parametrize("key", ["gap", "held_out_gap", "clean_gap", "noise", "replay", "where", "robot_file"])
 def test_what_is_not_known_is_left_out(key):
     assert "None" not in said(DATA | {key: None}).replace("encoder_latency 3 None", "")
 

@@ -24,7 +24,7 @@ VOID = {"meta", "br", "hr", "img", "link", "input"}
 ASOC = preset("asoc-prototype")
 REAL = ASOC.with_effects(WheelRadius(castor=2, wheel=1, value=0.02))
 LISTS = ("mistakes", "answers", "dimensions", "logs", "held_out_logs", "clean_logs", "preflight", "effects")
-UNKNOWN = ("gap", "held_out_gap", "noise", "replay", "where")
+UNKNOWN = ("gap", "held_out_gap", "clean_gap", "noise", "replay", "where")
 DATA = {"robot": "base", "verdict": "named", "names": {}, "probabilities": {}}
 DATA |= {key: [] for key in LISTS} | dict.fromkeys(UNKNOWN)
 
