@@ -43,7 +43,8 @@ def examined(undone: Undone, diagnosis: RobotDiagnosis) -> Examined:
     """Return a diagnosis with all that its report holds."""
     seen = {"these logs": _fit(diagnosis, undone.logs, diagnosis.before)}
     if diagnosis.held_out is not None:
-        seen["held-out logs"] = _fit(diagnosis, undone.held_out, diagnosis.held_out[0])
+        held_out = dict(zip(undone.held_out, diagnosis.in_phase, strict=True))
+        seen["held-out logs"] = _fit(diagnosis, held_out, diagnosis.held_out[0])
     drives = separating_drives(diagnosis.robot, diagnosis.answers, diagnosis.after)
     return Examined.of(undone, diagnosis, seen, drives)
 

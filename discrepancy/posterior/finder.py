@@ -20,6 +20,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, encoder_of, without
 from discrepancy.posterior.answers import Answer, Cause, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
+from discrepancy.posterior.in_phase import in_phase
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
@@ -54,7 +55,8 @@ class Diagnosis(Generic[V, S]):
 
     before, after: the logs linearised without and with the named effects and learned curves; held_out: both for
     held-out logs. inclusion: probability of every name to be among the missing effects. creep: factor of predicted
-    creep under forces in clean logs, if there are any; clean_gap: gap of these.
+    creep under forces in clean logs, if there are any; clean_gap: gap of these. in_phase: held-out logs,
+    whose wheels are turned at the start as those of the logs are (`in_phase.in_phase`).
     """
 
     robot: V
@@ -65,6 +67,7 @@ class Diagnosis(Generic[V, S]):
     after: S
     held_out: tuple[S, S] | None
     creep: float | None = None
+    in_phase: tuple[Log, ...] = ()
     clean_gap: tuple[float, float] | None = None
     dimensions: tuple[Dimension, ...] = ()
 
@@ -330,7 +333,8 @@ class _HeldOut:
     """Held-out logs, beside the effects in the model, if there are any.
 
     pair: their statistics without and with these effects; lacking: without any learned curve, too. confirmed: the log
-    Bayes factor of each event in them, or None; `free`: the steps in which contacts slip freely.
+    Bayes factor of each event in them, or None; `free`: the steps in which contacts slip freely. logs: with their
+    wheels `in_phase`.
     """
 
     def __init__(self, search: _Search) -> None:
@@ -338,14 +342,16 @@ class _HeldOut:
         self.confirmed: Sequence[float | None] = [None] * len(search.events)
         self.pair: tuple[Linearised, Linearised] | None = None
         self.lacking: Linearised | None = None
-        if not search.held_out:
+        self.logs = list(search.held_out)
+        if not self.logs:
             return
+        self.logs = in_phase(search.base, self.logs, search.named, creep=search.creep, jitter=search.jitter)
         among, found = search.among, search.found
         after = self._linearised(found, among, own_clocks=True)
         after.forget()
         if len(search.events):
-            recurring, confirmed = search.events.in_other_logs(found, search.held_out, after)
-            self.confirmed, self.free = confirmed, recurring.released(found, search.held_out, after)
+            recurring, confirmed = search.events.in_other_logs(found, self.logs, after)
+            self.confirmed, self.free = confirmed, recurring.released(found, self.logs, after)
             after = self._linearised(found, among, own_clocks=True)
         before = self._linearised(search.base, among) if search.named else after
         self.pair = before, after
@@ -359,7 +365,7 @@ class _HeldOut:
 
     def _linearised(self, robot: RobotDescription, among: Sequence[Candidate], **options: Any) -> Linearised:
         known = {"creep": self.search.creep, "jitter": self.search.jitter} | options
-        return linearise(robot, self.search.held_out, among=among, released=self.free, **known)
+        return linearise(robot, self.logs, among=among, released=self.free, **known)
 
 
 def _confirmed(
@@ -390,6 +396,7 @@ def _confirmed(
     diagnosis = Diagnosis(
         robot, verdict_of(answers), answers, inclusion, search.plain, seen.without_designs(), pair, search.creep
     )
+    diagnosis = replace(diagnosis, in_phase=tuple(held_out.logs))
     if search.good is not None:
         diagnosis = replace(diagnosis, clean_gap=search.good.gap)
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
