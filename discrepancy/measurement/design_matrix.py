@@ -144,12 +144,15 @@ class DesignMatrix:
         at = self.geometry, changes.changed, changes.change, self.state, self.clock
         return self.model.reduce(*at, mount, noise, probes, extra, self.rate)
 
-    def score_by_volume(self, mount: Array, noise: Noise) -> Array:
-        """Return what the volume of likely states adds to the score of the amplitudes (see `LogLikelihood`)."""
+    def score_by_volume(self, mount: Array, noise: Noise) -> tuple[Array, Array]:
+        """Return what the volume of likely states adds to the score of the amplitudes and of the mount (see
+        `LogLikelihood`). Where encoders contradict each other, they tell so much more that it is left out: 0."""
         found = np.zeros(sum(candidate.columns for candidate in self.candidates))
+        if len(self.model.rows) > 3:
+            return found, np.zeros(3)
         at = self.geometry, self.geometries, self.steps, self.state, self.clock
-        found[: len(self.steps)] = self.model.score_by_volume(*at, mount, noise)
-        return found
+        found[: len(self.steps)], of_mount = self.model.score_by_volume(*at, mount, noise)
+        return found, of_mount
 
 
 def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:

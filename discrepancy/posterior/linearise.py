@@ -292,7 +292,9 @@ def _of_sizes(
     reduced = design.reduce(shared.mount, noise)
     information, gradient = reduced.information.copy(), reduced.gradient.copy()
     n = sum(candidate.columns for candidate in design.candidates)
-    gradient[:n, 0] -= design.score_by_volume(shared.mount, noise)
+    by_volume, of_mount = design.score_by_volume(shared.mount, noise)
+    gradient[:n, 0] -= by_volume
+    gradient[-len(of_mount) :, 0] -= of_mount
     shared.add_priors(information, gradient, n)
     shown, score = schur_complement(information, gradient[:, 0], n)
     nuisances = information[n:, n:]

@@ -40,6 +40,9 @@ from estimators.likelihood.whitening import Whitening
 FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""
 
+MOVED = 1e-5
+"""m and rad: step for derivatives of the volume by the mount."""
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -317,9 +320,9 @@ class LogLikelihood(RollingConstraints):
         clock: Array,
         mount: Array,
         noise: Noise,
-    ) -> Array:
-        """Return the derivatives (G,) of log evidence at a state by parameters of the geometry, but for that of the
-        least squares (`reduce`): of the volume of likely states, and of the density of slips.
+    ) -> tuple[Array, Array]:
+        """Return the derivatives of log evidence at a state by parameters of the geometry (G,) and by the mount (3,),
+        but for those of the least squares (`reduce`): of the volume of likely states, and of the density of slips.
 
         changed: G geometries, in each of which one parameter is larger by change (G,). Both terms are large, and
         cancel each other where wheels roll as they turn; where a steering encoder stands still they do not, as the
@@ -327,23 +330,30 @@ class LogLikelihood(RollingConstraints):
         """
         weights = self._weights(state, noise)
 
-        def kinds_of(geometry: Geometry, slipping: Whitening) -> dict[str, Rows]:
+        def kinds_of(geometry: Geometry, slipping: Whitening, mount: Array) -> dict[str, Rows]:
             return self._linearised(geometry, geometry, np.zeros(0), state, clock, mount, weights, slipping, None)
 
-        def log_density(geometry: Geometry) -> float:
+        def log_volume(information: Array) -> float:
+            return -log_determinant(information) / 2
+
+        def of_geometry(geometry: Geometry) -> float:
             slipping = self._whitening(geometry, state, noise)
-            of_slips = information_on_states([kinds_of(geometry, slipping)["slips"]], *state.shape)
-            volume = self._log_volume(geometry, state) - log_determinant(of_slips + of_others) / 2
+            of_slips = information_on_states([kinds_of(geometry, slipping, mount)["slips"]], *state.shape)
+            volume = self._log_volume(geometry, state) + log_volume(of_slips + of_others)
             return volume + slipping.log_density() - float(np.sum((slipping.weight * slips) ** 2)) / 2
+
+        def of_mount(mount: Array) -> float:
+            return log_volume(information_on_states(kinds_of(geometry, first, mount).values(), *state.shape))
 
         first = self._whitening(geometry, state, noise)
         off = first.applied(slice(None), (self.residuals(geometry, state) - self._expected)[..., None])
         slips = first.of_contacts(slice(None), off)[..., 0] / first.weight
-        others = kinds_of(geometry, first)
+        others = kinds_of(geometry, first, mount)
         del others["slips"]
         of_others = information_on_states(others.values(), *state.shape)
-        at_first = log_density(geometry)
-        return np.array([log_density(larger) - at_first for larger in changed]) / change
+        at_first, at_mount = of_geometry(geometry), of_mount(mount)
+        by_geometry = np.array([of_geometry(larger) - at_first for larger in changed]) / change
+        return by_geometry, np.array([of_mount(moved) - at_mount for moved in mount + MOVED * np.eye(3)]) / MOVED
 
     def _of_play(self, variances: Callable[[], Array]) -> float:
         """Return the logarithm by which readings that stand still within a play are likelier than normal variables as

@@ -63,8 +63,20 @@ def test_with_the_volume_the_score_is_the_slope_of_log_evidence_where_steering_s
         at, _, _ = fitted([model], geometry, (), np.zeros(0), noise, (at, noise))
     whole, least_squares = slopes(model, geometry, at, noise, number)
     larger = moved(geometry, number, CHANGE)
-    by_volume = model.score_by_volume(
+    by_volume, _ = model.score_by_volume(
         geometry, [larger], np.array([CHANGE]), at.states[0], at.clocks[0], at.mount, noise
     )
     assert abs(whole - least_squares) > 5
     assert least_squares + by_volume[0] == pytest.approx(whole, abs=0.01 * abs(whole - least_squares))
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_all_castors_out_of_place_are_the_same_as_a_reference_that_is_mounted_elsewhere(axis):
+    geometry, log = Geometry.of(TRICYCLE), straight()
+    model = LogLikelihood(geometry, log)
+    at, noise, _ = fitted([model], geometry, (), np.zeros(0), None)
+    shifted = moved(moved(geometry, ("pivot", (0, axis)), CHANGE), ("pivot", (1, axis)), CHANGE)
+    given = [shifted], np.array([CHANGE]), at.states[0], at.clocks[0], at.mount, noise
+    by_place, by_mount = model.score_by_volume(geometry, *given)
+    assert abs(by_mount[axis]) > 0.1
+    assert by_place[0] + by_mount[axis] == pytest.approx(0.0, abs=0.02 * float(abs(by_mount[axis])) + 1e-3)
