@@ -24,7 +24,9 @@ def in_good_order(
 
     def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> float:
         sizes = tuple(effect.moved((part - 1) * effect.amplitudes) for effect in effects)
-        found = fit_with(robot, lambda some, *_: linearise(with_effects(robot, some), clean, among=()), sizes, good)
+        found = fit_with(
+            robot, lambda some, *_: linearise(with_effects(robot, some), clean, start=good, among=()), sizes, good
+        )
         return -np.inf if found is None else found.log_evidence
 
     def shown(effects: Sequence[Sized]) -> bool:
