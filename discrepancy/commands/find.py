@@ -47,8 +47,7 @@ def find(
 
     Verdicts: named; ambiguous (these motions cannot distinguish several effects); unconfirmed (the held-out logs do not
     confirm it); unexplained (no effect of the catalogue explains the logs); negligible (it costs less than --material,
-    or clean logs show it as large);
-    no discrepancy.
+    or clean logs show it as large); no discrepancy.
     """
     for option, path, what in (("--out", out, "folder"), ("--separate", separate, "file")):
         if path is not None and path.exists():

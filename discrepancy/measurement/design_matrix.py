@@ -144,11 +144,16 @@ class DesignMatrix:
         at = self.geometry, changes.changed, changes.change, self.state, self.clock
         return self.model.reduce(*at, mount, noise, probes, extra, self.rate)
 
+    @property
+    def redundant(self) -> bool:
+        """Whether encoders can contradict each other: they determine more than the three directions of motion."""
+        return len(self.model.rows) > 3
+
     def score_by_volume(self, mount: Array, noise: Noise) -> tuple[Array, Array]:
         """Return what the volume of likely states adds to the score of the amplitudes and of the mount (see
         `LogLikelihood`). Where encoders contradict each other, they tell so much more that it is left out: 0."""
         found = np.zeros(sum(candidate.columns for candidate in self.candidates))
-        if len(self.model.rows) > 3:
+        if self.redundant:
             return found, np.zeros(3)
         at = self.geometry, self.geometries, self.steps, self.state, self.clock
         found[: len(self.steps)], of_mount = self.model.score_by_volume(*at, mount, noise)

@@ -393,12 +393,10 @@ def _confirmed(
     pair = None
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
-    diagnosis = Diagnosis(
-        robot, verdict_of(answers), answers, inclusion, search.plain, seen.without_designs(), pair, search.creep
-    )
-    diagnosis = replace(diagnosis, in_phase=tuple(held_out.logs))
-    if search.good is not None:
-        diagnosis = replace(diagnosis, clean_gap=search.good.gap)
+    clean_gap = None if search.good is None else search.good.gap
+    whole, after_all = verdict_of(answers), seen.without_designs()
+    known = search.creep, tuple(held_out.logs), clean_gap
+    diagnosis = Diagnosis(robot, whole, answers, inclusion, search.plain, after_all, pair, *known)
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
 
 

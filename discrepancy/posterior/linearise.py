@@ -92,8 +92,8 @@ class Linearised:
 
     @property
     def redundant(self) -> bool:
-        """Whether encoders can contradict each other: they determine more than the three directions of motion."""
-        return any(len(design.model.rows) > 3 for design in self.designs)
+        """Whether encoders can contradict each other."""
+        return any(design.redundant for design in self.designs)
 
     @property
     def masked(self) -> float:
