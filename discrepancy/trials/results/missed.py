@@ -6,7 +6,7 @@ from typing import Any
 
 from castor_envs.effects.catalogue import EFFECTS, TRAIN_EFFECTS
 from discrepancy.report.parts import MILLI, READ_AS, digits_by, number
-from discrepancy.trials.results.scores import COSTLY, MATTERS, SEPARATE, STRONG_OUTSIDE, Trial
+from discrepancy.trials.results.scores import COSTLY, MATTERS, SEPARATE, Trial
 from discrepancy.trials.said import QUIET
 
 Data = dict[str, Any]
@@ -28,13 +28,6 @@ def _not_named(case: Trial) -> bool:
     return any(effect["class"] not in case.named for effect in plain)
 
 
-def _not_flagged(case: Trial) -> bool:
-    strong = case.least("cost") >= MATTERS and case.least("z") >= STRONG_OUTSIDE
-    return (
-        case.label["stratum"] == "outside" and strong and case.verdict != "unexplained" and not case.outcome["unnamed"]
-    )
-
-
 MISSES: Sequence[tuple[str, Callable[[Trial], bool]]] = (
     ("broke down", lambda case: case.verdict == "broken"),
     ("alarm", lambda case: case.label["stratum"] == "clean" and case.verdict not in (*QUIET, "broken")),
@@ -46,7 +39,7 @@ MISSES: Sequence[tuple[str, Callable[[Trial], bool]]] = (
             case.label["stratum"] in EFFECTS_HIDDEN and case.plain() and not (case.exact() or _not_named(case))
         ),
     ),
-    ("not flagged", _not_flagged),
+    ("not flagged", lambda case: case.label["stratum"] == "outside" and case.to_be_flagged() and not case.flagged()),
     ("not found", lambda case: case.label["stratum"] == "wiring" and not case.exact() and case.verdict != "refused"),
     (
         "gap grew",

@@ -103,6 +103,14 @@ class Trial:
         """Whether the hidden effects, whatever they cost, are strong in both logs, and separate."""
         return min(self.least("z"), self.least("z", "holdout")) >= STRONG and self.least("z_sep") >= SEPARATE
 
+    def to_be_flagged(self) -> bool:
+        """Whether what is hidden, outside the catalogue, costs and shows enough to be flagged."""
+        return self.least("cost") >= MATTERS and self.least("z") >= STRONG_OUTSIDE
+
+    def flagged(self) -> bool:
+        """Whether the answer says that something outside the catalogue is there."""
+        return self.verdict == "unexplained" or bool(self.outcome["unnamed"])
+
     def gap_grew(self, tolerance: float = 0.0) -> bool:
         """Whether the held-out gap is larger after than before, by more than this, m per 10 m."""
         return self.outcome["gap"]["after"] > self.outcome["gap"]["before"] + tolerance
@@ -177,8 +185,8 @@ RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial]
     (
         f"outside the catalogue, {MATTERING} and z {STRONG_OUTSIDE:g} or more: flagged",
         "outside",
-        lambda case: case.least("cost") >= MATTERS and case.least("z") >= STRONG_OUTSIDE,
-        lambda case: case.verdict == "unexplained" or case.outcome["unnamed"],
+        Trial.to_be_flagged,
+        Trial.flagged,
     ),
     ("outside the catalogue: a sure name", "outside", None, Trial.wrong),
     (f"poor motion, {PLAIN}: named exactly", "poor", Trial.plain, Trial.exact),
