@@ -35,8 +35,8 @@ def test_a_run_that_finds_all_its_rows_is_what_boards_show(tmp_path, fake_tasks,
         (mine,) = (shown for shown in board.entries if shown.estimator == "e:Mine")
         assert (mine.source_hash, mine.spec) == (entry.source_hash, f"{folder}/e.py")
         rows = rows_by_task([task], results)
-        sides = [side_of(name, rows, results, 60.0) for name in ("e:Mine", "wheel-odometry")]
-        (found,) = compare(*sides, rows, [task], results)
+        first, second = (side_of(name, rows, results, 60.0) for name in ("e:Mine", "wheel-odometry"))
+        (found,) = compare(first, second, rows, [task], results)
         assert {row.source_hash for row in found.rows[0].values()} == {entry.source_hash}
         assert found.specs == (f"{folder}/e.py", "wheel-odometry")
     assert hashes["f1"] != hashes["f2"]
