@@ -1,7 +1,7 @@
 """Puts effects into the model and finds their maximum-likelihood sizes, with the states fitted anew at each step."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import reduce
@@ -133,7 +133,7 @@ def refitted(
         seen = found
     current, seen = _newton(vehicle, look, current, seen, threshold)
     if seen.log_evidence > threshold:
-        longer, beside = _stretched(vehicle, look, current, seen, seen.log_evidence - at_first)
+        longer, beside = _stretched(vehicle, look, current, seen, sizes, seen.log_evidence - at_first)
         if longer != current:
             return _newton(vehicle, look, longer, beside, threshold)
     return current, seen
@@ -171,31 +171,32 @@ def _newton(
 
 
 def _stretched(
-    vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, gain: float
+    vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, before: Collection[Cause], gain: float
 ) -> tuple[tuple[Sized, ...], S]:
-    """Return effects of sizes multiplied by one of `STRETCHES` as often as that makes the logs likelier, by more than
-    by a likelihood ratio of 19: what is less Newton's method finds, or logs do not tell. Each time it does, the next
-    factor is the square of the last.
+    """Return effects, those that were not in the model `before` of sizes multiplied by one of `STRETCHES` as often as
+    that makes the logs likelier, by more than by a likelihood ratio of 19: what is less Newton's method finds, or logs
+    do not tell. Each time it does, the next factor is the square of the last.
 
     Where encoders cannot contradict each other, what a size leaves unexplained passes for noise, beside which Newton's
     method takes it for right: noise and size would have to change together. So it is with effects so large that the
     error of their signatures exceeds noise, on any vehicle. gain: of log evidence by these sizes so far.
     """
     for k, effect in enumerate(current):
-        if seen.redundant and not _is_large(effect, seen) and 2 * gain * SIGNATURE**2 < 1:
+        as_before = effect.candidate in before
+        if as_before or (seen.redundant and not _is_large(effect, seen) and 2 * gain * SIGNATURE**2 < 1):
             continue
         for first in STRETCHES:
-            before, factor = current[k], first
+            shortest, factor = current[k], first
             for _ in range(2 * REFITS if not effect.candidate.kinds[0].binary else 0):
                 longer = (*current[:k], current[k].moved((factor - 1) * current[k].amplitudes), *current[k + 1 :])
                 found = fit_with(vehicle, look, longer, seen)
                 if found is not None and found.log_evidence > seen.log_evidence + LOG_ODDS:
                     current, seen, factor = longer, found, factor**2
-                elif current[k] is before or factor == first:
+                elif current[k] is shortest or factor == first:
                     break
                 else:
                     factor = first
-            if current[k] is not before:
+            if current[k] is not shortest:
                 break
     return current, seen
 

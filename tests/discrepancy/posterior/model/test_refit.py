@@ -24,8 +24,8 @@ def test_a_size_of_which_the_formula_may_be_wrong_by_more_than_noise_is_found_by
         off = sum(float(effect.size) for effect in effects) - 0.2
         return statistics_of([GAIN], np.array([[information]]), -1e6 * off**2)
 
-    before = (Sized(GAIN, np.array([0.13])),)
-    (found,), _ = refitted(ROBOT, look, before, before, look(before))
+    new = (Sized(GAIN, np.array([0.13])),)
+    (found,), _ = refitted(ROBOT, look, (), new, look(new))
     assert found.size == pytest.approx(reached, rel=0.05)
 
 
@@ -37,6 +37,6 @@ def test_a_size_that_is_far_too_small_is_found_though_log_evidence_is_uneven_the
         off = np.log(max(size, 1e-9) / 0.5)
         return statistics_of([GAIN], np.array([[1e8]]), -1e3 * abs(off) + 400 * np.cos(2 * np.pi * off / np.log(2)))
 
-    before = (Sized(GAIN, np.array([0.5 / 8])),)
-    (found,), _ = refitted(ROBOT, look, before, before, look(before))
+    new = (Sized(GAIN, np.array([0.5 / 8])),)
+    (found,), _ = refitted(ROBOT, look, (), new, look(new))
     assert found.size == pytest.approx(0.5)
