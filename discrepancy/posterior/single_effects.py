@@ -98,12 +98,12 @@ class Posterior:
         return dict(sorted(((name, 1 - part) for name, part in absent.items()), key=lambda entry: -entry[1]))
 
     def credible_set(self, component: Component, least: float = CREDIBLE) -> tuple[str, ...]:
-        """Return the smallest set of names that together have the probability `least` in a component; empty if
-        "nothing" has a probability above 1 - `least`, and at least that of a name needed for the set."""
-        left, names = least, []
-        for name, probability in [*self.probabilities(component).items()]:
-            if component.nothing >= probability and left > 0 and component.nothing > 1 - least:
-                return ()
+        """Return the smallest set of names that together have the probability `least` in a component, given that there
+        is an effect; empty if "nothing" has a probability above 1 - `least`."""
+        if component.nothing > 1 - least:
+            return ()
+        left, names = least * (1 - component.nothing), []
+        for name, probability in self.probabilities(component).items():
             names.append(name)
             left -= probability
             if left <= 0:

@@ -126,6 +126,8 @@ def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) 
             return "unconfirmed", f"held-out logs are not explained better with {description}"
         if answer.probability < CREDIBLE:
             return "unconfirmed", f"held-out logs show another size of {description}, so it is hardly constant"
+    if answer.probability < CREDIBLE:
+        return "unconfirmed", f"{description} is less than {CREDIBLE:.0%} certain"
     return "named", description
 
 

@@ -7,7 +7,14 @@ import pytest
 from scipy.integrate import quad
 
 from discrepancy.posterior.calibrated import NOTHING
-from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES, Hypothesis, SingleEffects
+from discrepancy.posterior.single_effects import (
+    LOG_WEIGHTS,
+    SCALES,
+    Component,
+    Hypothesis,
+    Posterior,
+    SingleEffects,
+)
 
 
 def hypotheses(m, scale=1.0, **bounds):
@@ -75,6 +82,19 @@ def test_twins_share_their_probability_and_a_name_with_two_places_adds_it_up():
     posterior = found.posterior(np.array([1000.0, 0.0]))
     assert posterior.probabilities(posterior.components[0]) == pytest.approx({"radius": 2 / 3, "gain": 1 / 3}, rel=1e-6)
     assert posterior.credible_set(posterior.components[0]) == ("radius", "gain")
+
+
+@pytest.mark.parametrize(
+    ("nothing", "names"),
+    [(0.02, ("cause",)), (0.049, ("cause",)), (0.051, ()), (0.01, ("cause", "other"))],
+)
+def test_a_credible_set_is_of_names_given_that_there_is_an_effect(nothing, names):
+    """Else many that are impossible would make up for the last hundredth."""
+    of_others = 0.06 if len(names) > 1 else 0.004
+    probability = np.array([1 - nothing - of_others, of_others * 0.99, *np.full(100, of_others * 1e-4)])
+    every = [Hypothesis(name, np.eye(1), 1.0, 1.0) for name in ("cause", "other", *map(str, range(100)))]
+    component = Component(nothing, probability, np.zeros(1), 0.0, 0.0)
+    assert Posterior(tuple(every), (component,), 0.0).credible_set(component) == names
 
 
 def test_pure_noise_is_nothing():
