@@ -44,7 +44,7 @@ from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
 from discrepancy.posterior.variances.lost import lossy_encoders
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
-from discrepancy.posterior.verdicts import MATERIAL, Material, gap_grows, gap_shrinks, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, verdict_of
 from discrepancy.validation.cost import WAY
 from discrepancy.validation.sufficient import check_seen, must_fit
 
@@ -380,20 +380,21 @@ def _confirmed(
     beside += [] if search.jittery is None else [search.jittery]
     beside += [] if search.curve is None else [answer_of(robot, search.curve, logs)]
     beside += noisy_answers(seen, after, usual)
-    inclusion = {answer.credible[0]: answer.probability for answer in beside} | search.posterior.inclusion()
     called = {name: answer.credible[0] for answer in search.answers for name in answer.alike}
-    inclusion = {called.get(name, name): probability for name, probability in inclusion.items()}
+    inclusion = {called.get(name, name): part for name, part in search.posterior.inclusion().items()}
 
     def with_other_sizes(effects: Sequence[Sized]) -> Linearised | None:
         return fit_with(base, lambda others, *_: held_out.beside(with_effects(base, others)), tuple(effects), seen)
 
     order = None if after is None else order_of(after, search.good)
-    answers = judged([*search.answers, *beside], search.named, held_out.pair, order, material, with_other_sizes)
+    every = [*search.answers, *beside]
+    answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes)
     answers = tuple(there_before(answer) if answer.candidate.family in as_before else answer for answer in answers)
     pair = None
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
     clean_gap = None if search.good is None else search.good.gap
+    inclusion = by_all_logs(inclusion, every, answers)
     whole, after_all = verdict_of(answers), seen.without_designs()
     known = search.creep, tuple(held_out.logs), clean_gap
     diagnosis = Diagnosis(robot, whole, answers, inclusion, search.plain, after_all, pair, *known)

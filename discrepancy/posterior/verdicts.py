@@ -1,7 +1,7 @@
 """The verdict on an answer: it follows from its probabilities, from held-out logs, and from its cost in use."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -54,6 +54,19 @@ def judged(
     ]
     unexplained = max((_price(answer, material) for answer in told if answer.verdict == "unexplained"), default=0.0)
     return tuple(_doubted(answer) if _price(answer, material) < unexplained else answer for answer in told)
+
+
+def by_all_logs(inclusion: Mapping[str, float], before: Sequence[Answer], after: Sequence[Answer]) -> dict[str, float]:
+    """Return the probability of every name to be among the missing effects by all logs, the largest first.
+
+    inclusion: that by the logs without the held-out ones; before, after: answers before and after these judged them. A
+    name that they contradict has none.
+    """
+    told = [answer.candidate for answer in after]
+    denied = {name for answer in before if answer.candidate not in told for name in answer.credible}
+    found = {name: part for name, part in inclusion.items() if name not in denied}
+    found |= {name: answer.probabilities[name] for answer in after for name in answer.credible[:1]}
+    return dict(sorted(found.items(), key=lambda entry: -entry[1]))
 
 
 def verdict_of(answers: Sequence[Answer]) -> Verdict:

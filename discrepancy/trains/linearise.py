@@ -13,6 +13,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.calibrated import FREEDOM
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.trains.candidates import Candidate
@@ -20,6 +21,10 @@ from discrepancy.validation.cost import cost_of_sizes
 from estimators.likelihood.trains.motion import Motion, Sizes
 from estimators.likelihood.trains.rows import TrainLog
 from estimators.likelihood.trains.states import PROBES, Equations, FittedStates, fit_states
+
+PART, DRAWS = 2.0, 32
+"""s: parts of a log that are longer than slip lasts, by which its noise over long times is estimated; and draws of
+white noise with which that is compared."""
 
 HORIZON = 5.0
 """s of localisation by wheel counts alone before the train is reset to its fitted pose."""
@@ -91,6 +96,24 @@ class Linearised:
         pose = np.concatenate(poses)
         return (_rms(pose[:, :2]), _rms(pose[:, 2:])) if len(pose) else None
 
+    def long_run(self, effects: Sequence[Candidate]) -> Array:
+        """Return by how much larger the variances of the sizes of effects in the model are (E,), at least 1, than with
+        white noise, which the linear formula takes all noise for (`Equations.long_run`).
+
+        Each log's ratio counts by its parts, and that of white noise, 1, as much as `FREEDOM` of them.
+        """
+        built = self.train.as_built()
+        squares, parts = np.zeros(len(effects)), 0
+        for j, (log, motion) in enumerate(zip(self.train_logs, self.fit.motions, strict=True)):
+            equations = Equations.of(log, built, motion, self.noise)
+            columns = _columns(self.train, log, j, motion, equations, effects)
+            part = (log.t[equations.sample_of_rows(log.block)] - log.t[0]) // PART
+            draws = np.random.default_rng(0).standard_normal((len(columns), DRAWS))
+            ratio = equations.long_run(columns, log.prior(self.train) ** -2.0, part.astype(np.intp), draws)
+            count = int(part.max()) + 1
+            squares, parts = squares + count * np.nan_to_num(ratio, nan=1.0), parts + count
+        return np.maximum((FREEDOM + squares) / (FREEDOM + parts), 1.0)
+
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
         """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes, and beside
         the family of unnamed alternatives that explains most.
@@ -131,32 +154,41 @@ def linearise(
     InputError for logs that the train cannot have made.
     """
     found, built = fit_states(train, logs, start, sizes), train.as_built()
-    enlarged = [None if candidate.kind is None else candidate.enlarged(train) for candidate in among]
     statistics, costs = [], []
     for j, (log, motion) in enumerate(zip(logs, found.motions, strict=True)):
         equations = Equations.of(log, built, motion, found.sizes)
-        zero, ends = equations.left, equations.ends
-        columns = np.zeros((len(equations.residual), log.numbers + len(among)))
-        columns[:, : log.numbers] = equations.by_number
-        for column, candidate, larger in zip(columns.T[log.numbers :], among, enlarged, strict=True):
-            changes = {}
-            if larger is not None:
-                real = larger[0].as_built()
-                changed = log.residuals(real, motion, ends)
-                changes = {kind: (changed[kind] - zero[kind]) / larger[1] for kind in zero}
-                if (gauge := candidate.restored(larger[1])) is not None:
-                    at, (kind, change) = log.offset_of(*gauge, real, motion, ends, changed)
-                    columns[:, at] = equations.weighed(kind, change)
-            elif (term := candidate.term) is not None and term.log == j:
-                changes = {term.kind: term.change}
-            for kind, change in changes.items():
-                if change.any():
-                    column += equations.weighed(kind, change)
+        columns = _columns(train, log, j, motion, equations, among)
         prior = log.prior(train) ** -2.0
         statistics.append(Statistics(*equations.eliminated(columns, prior, log.nuisances(motion))))
         costs.append(_cost(log, motion, equations, columns, prior))
     cost = np.sqrt(np.mean(np.square(costs), axis=0))
     return Linearised(train, tuple(logs), tuple(among), tuple(statistics), cost, found, localised)
+
+
+def _columns(
+    train: TrainDescription, log: TrainLog, j: int, motion: Motion, equations: Equations, among: Sequence[Candidate]
+) -> Array:
+    """Return the change (R, n + P) of the weighed equations of a log, the j-th, by its n nuisances, then by a unit of
+    each candidate."""
+    zero, ends = equations.left, equations.ends
+    columns = np.zeros((len(equations.residual), log.numbers + len(among)))
+    columns[:, : log.numbers] = equations.by_number
+    for column, candidate in zip(columns.T[log.numbers :], among, strict=True):
+        changes = {}
+        if candidate.kind is not None:
+            larger, by = candidate.enlarged(train)
+            real = larger.as_built()
+            changed = log.residuals(real, motion, ends)
+            changes = {kind: (changed[kind] - zero[kind]) / by for kind in zero}
+            if (gauge := candidate.restored(by)) is not None:
+                at, (kind, change) = log.offset_of(*gauge, real, motion, ends, changed)
+                columns[:, at] = equations.weighed(kind, change)
+        elif (term := candidate.term) is not None and term.log == j:
+            changes = {term.kind: term.change}
+        for kind, change in changes.items():
+            if change.any():
+                column += equations.weighed(kind, change)
+    return columns
 
 
 def cost_of_noise(seen: Linearised, f: int) -> Array:

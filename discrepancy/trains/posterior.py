@@ -5,6 +5,7 @@ sensors that stop are treated separately (`gauges`).
 """
 
 from collections.abc import Collection, Sequence
+from dataclasses import replace
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -18,7 +19,7 @@ from discrepancy.posterior.model.named_together import Asked, asked, named_toget
 from discrepancy.posterior.model.refit import Sized, sizes_of, with_effects
 from discrepancy.posterior.priors import fault_scales, hypothesis_of, order_of
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
-from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals
 from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
 from discrepancy.trains.linearise import Linearised, linearise
@@ -46,6 +47,7 @@ def diagnose_train(
     good = _first(train, clean) if clean else None
     first = _first(train, logs)
     named, seen, posterior, answers = _named(train, first, good)
+    answers = _of_lasting_noise(answers, named, seen)
     jackknifed = _jackknifed(seen)
     if jackknifed is not None:
         answers = judged([jackknifed], (), None, None, Material(0.0, 0.0))  # it matters, whatever it costs
@@ -61,8 +63,9 @@ def diagnose_train(
         held, order = (without, beside), order_of(beside, good)
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
-    answers = judged([*answers, *apart], named, held, order, material)
-    inclusion = {answer.credible[0]: answer.probability for answer in apart} | posterior.inclusion()
+    every = [*answers, *apart]
+    answers = judged(every, named, held, order, material)
+    inclusion = by_all_logs(posterior.inclusion(), every, answers)
     return Diagnosis(train, verdict_of(answers), answers, inclusion, first, seen, held)
 
 
@@ -83,6 +86,14 @@ def _named(
         return found._replace(answers=answers)
 
     return named_together(train, look, ask, first)
+
+
+def _of_lasting_noise(answers: Sequence[Answer], named: Sequence[Sized], seen: Linearised) -> list[Answer]:
+    """Return answers with the errors of effects in the model as large as their scores' variance over long times shows:
+    slip is not white."""
+    in_model = [cause for cause in _of_trains([effect.candidate for effect in named]) if not cause.kinds[0].binary]
+    ratio = dict(zip(in_model, seen.long_run(in_model), strict=True)) if in_model else {}
+    return [replace(answer, covariance=answer.covariance * ratio.get(answer.candidate, 1.0)) for answer in answers]
 
 
 def _jackknifed(seen: Linearised) -> Answer | None:

@@ -129,6 +129,38 @@ class Equations:
         information = strength[n:, n:] - strength[n:, :n] @ taken
         return (information + information.T) / 2, slope[n:] - taken.T @ slope[:n]
 
+    def long_run(self, columns: Array, prior: Array, parts: NDArray[np.intp], draws: Array) -> Array:
+        """Return the variance of the scores of P parameters over that of white noise (P,), by parts of the log.
+
+        columns (R, n + P), prior: as of `eliminated`; each parameter beside all others. parts (R,): which part of the
+        log each row is of. draws (R, D): white noise, by which the variance of white residuals is estimated.
+        A score is a sum over rows, of which neighbours correlate where noise lasts, as slip on one kind of floor. The
+        sums within parts that are longer than it lasts hardly do, so their squares estimate the variance (Newey and
+        West, Econometrica 55(3), 1987, with non-overlapping blocks).
+        """
+        n = len(prior)
+        apart = columns - self.by_sample @ self.solved(columns)
+        strength = columns.T @ apart
+        strength[:n, :n] += np.diag(prior)
+        inverse = np.linalg.inv(strength)
+        seen = apart @ inverse[:, n:] / np.diag(inverse)[n:]
+        rows = np.column_stack([self.residual, draws])
+        left = rows - self.by_sample @ self.solved(rows)
+        left = left - apart @ (inverse @ (apart.T @ rows))
+        starts = np.argsort(parts, kind="stable")
+        ends = np.flatnonzero(np.diff(parts[starts], prepend=parts[starts[0]] - 1))
+        sums = np.add.reduceat((seen[:, :, None] * left[:, None])[starts], ends, axis=0)
+        squares = np.sum(sums**2, axis=0)
+        return squares[:, 0] / np.mean(squares[:, 1:], axis=1)
+
+    def sample_of_rows(self, block: int) -> NDArray[np.intp]:
+        """Return the first sample (R,) that each row depends on; block: unknowns of a sample."""
+        matrix = self.by_sample
+        filled = np.diff(matrix.indptr) > 0
+        first = np.zeros(matrix.shape[0], dtype=np.intp)
+        first[filled] = np.minimum.reduceat(matrix.indices, matrix.indptr[:-1][filled])
+        return first // block
+
 
 def _mixes(weight: Array) -> bool:
     """Whether weights are matrices (K, 3, 3), those of gauges."""

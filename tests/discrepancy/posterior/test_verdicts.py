@@ -13,7 +13,7 @@ from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.posterior.verdicts import MATERIAL, Material, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, verdict_of
 
 CAUSE: Any = SimpleNamespace(
     what="wheel radius",
@@ -190,6 +190,20 @@ def test_the_probability_is_that_by_all_logs(information, shown, least, most):
 def test_without_held_out_logs_the_probability_is_that_of_the_posterior():
     (answer,) = judged([ANSWER], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)
     assert answer.probability == ANSWER.probability
+
+
+def test_a_name_that_held_out_logs_contradict_has_no_probability():
+    """Else it would be told as certain beside "no discrepancy"."""
+    by_first = {CAUSE.family: 1.0, "another": 0.01}
+    assert by_all_logs(by_first, [ANSWER, UNKNOWN], [UNKNOWN]) == {UNKNOWN.credible[0]: 1.0, "another": 0.01}
+    doubted = dataclasses.replace(ANSWER, probabilities={CAUSE.family: 0.5, "nothing": 0.5})
+    assert by_all_logs(by_first, [ANSWER], [doubted]) == {CAUSE.family: 0.5, "another": 0.01}
+
+
+@pytest.mark.parametrize(("probability", "expected"), [(0.951, "named"), (0.949, "unconfirmed")])
+def test_a_name_is_certain_to_the_probability_of_a_credible_set(probability, expected):
+    answer = dataclasses.replace(ANSWER, probabilities={CAUSE.family: probability, "nothing": 1 - probability})
+    assert verdict_of(judged([answer], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)) == expected
 
 
 def test_an_effect_of_which_held_out_logs_hold_nothing_is_no_obstacle():
