@@ -31,14 +31,14 @@ Gain = Annotated[float, Field(ge=-100, le=100)]
 class Frame:
     """A compliant frame and the strain gauges of its relative posture sensor.
 
-    length: m. bending_stiffness: E I, N m2. linear_density: kg/m. damping: moment a rate of curvature (Kelvin-Voigt),
-    N m2 s. links: rigid links that stand for the beam in physics. gauges: where curvature is measured, m from the rear
-    axle, increasing; None puts four evenly. gauge_noise: white noise of every reading, 1/m, one standard deviation.
-    gauge_offset: standard deviation of each gauge's constant offset, drawn anew for every episode, 1/m. gauge_gains:
-    the factor of every gauge (empty: all 1); set by effects. gauge_drift: growth of all readings, 1/m a second; set by
-    effects. dead_gauges: numbers (from 1) of gauges that read 0; set by effects. foreshortening_left_out: share of the
-    bent frame's shortening that the computed x lacks; set by effects. rps_stops: time after which the sensor repeats
-    its last reading, s; set by effects.
+    length: m. bending_stiffness: E I, N m2. linear_density: kg/m. damping: moment a rate of curvature (Kelvin-Voigt), N
+    m2 s. links: rigid links that stand for the beam in physics. gauges: where curvature is measured, m from the rear
+    axle, increasing; None puts four, after 1/8, 3/8, 5/8 and 7/8 of the length. gauge_noise: white noise of every
+    reading, 1/m, one standard deviation. gauge_offset: standard deviation of each gauge's constant offset, drawn anew
+    for every episode, 1/m. gauge_gains: the factor of every gauge (empty: all 1); set by effects. gauge_drift: growth
+    of all readings, 1/m a second; set by effects. dead_gauges: numbers (from 1) of gauges that read 0; set by effects.
+    foreshortening_left_out: share of the bent frame's shortening that the computed x lacks; set by effects. rps_stops:
+    time after which the sensor repeats its last reading, s; set by effects.
 
     What effects set is left at its default in descriptions.
     """
