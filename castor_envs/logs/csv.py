@@ -15,7 +15,8 @@ The header comes first, columns stand in any order, columns that the vehicle doe
     fix_age                  s, optional (0): how long ago that was true; blank where no fix came
 
 A tracker with times and a rate of its own has rows of its own, in the order of time: t and the reference, all else
-blank. `read_log` then gives the reference at the rows with counts, as `castor_envs.logs.reference` finds it there.
+blank. `read_log` then gives the reference at the rows with counts, as `castor_envs.logs.reference` finds it there, or
+in rows that it adds for poses that are near none (`castor_envs.logs.pose_rows`).
 
 A train has no pivots, no gyro and no fixes; its axles are numbered and its frames lettered from the front:
 
@@ -49,6 +50,7 @@ from castor_envs.files import write_atomically
 from castor_envs.geometry.arrays import Array, Numbers
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import OPTIONAL, REQUIRED, TEXT, Log, pivot_jumps
+from castor_envs.logs.pose_rows import with_reference
 from castor_envs.logs.recordings import refuse_recording
 from castor_envs.logs.reference import TimedPoses
 from castor_envs.logs.table import Line, check_width, complaint, each_line, numbers
@@ -109,7 +111,7 @@ def read_log(path: str | os.PathLike[str], vehicle: Vehicle) -> Log:
     _check_values(path, counted.line, log, vehicle)
     if not posed.line:
         return log
-    return dataclasses.replace(log, reference=_tracked(path, columns, posed, log, counted.line).at(log.t))
+    return with_reference(log, _tracked(path, columns, posed, log, counted.line), vehicle)
 
 
 class _Rows:

@@ -52,8 +52,9 @@ def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
     broken = [channel["name"] for channel in channels if channel["unit"] == "counts" and not channel["whole"]]
     if broken:
         yield (
-            f"counts that are not whole numbers: {', '.join(broken)}; as expected of recorded angles or speeds, and of "
-            "pivots whose counts a turn are not whole; else look whether the column holds counts"
+            f"counts that are not whole numbers: {', '.join(broken)}; as expected of recorded angles or speeds, of "
+            "pivots whose counts a turn are not whole, and of rows at the times of slow poses; else look whether the "
+            "column holds counts"
         )
     table = Table("channel", "smallest", "largest", "largest step", "at the robot's limit", box=None)
     for channel in [*channels, *(entry["reference"] or [])]:

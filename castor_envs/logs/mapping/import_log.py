@@ -17,6 +17,7 @@ from castor_envs.logs.mapping.channel_map import ChannelMap, Column, Source
 from castor_envs.logs.mapping.limits import limit_notes
 from castor_envs.logs.mapping.series import Track, row_times
 from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind_of, radians_in
+from castor_envs.logs.pose_rows import with_reference
 from castor_envs.logs.recordings import open_recording
 from castor_envs.logs.recordings.recording import Clock, Recording, Series, heading_of, survey
 from castor_envs.logs.reference import TimedPoses
@@ -47,7 +48,8 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     columns, notes = LogColumns.of(robot), list[str]()
     log, tracked = _log_of(robot, columns, by, _tracks(Path(source), columns, by, name, notes), notes)
     if tracked is not None:
-        notes += [*_reference_notes(log, tracked), *agreement_notes(robot, log)]
+        read = with_reference(log, tracked, robot)
+        notes += [*_reference_notes(log, tracked, len(read) - len(log)), *agreement_notes(robot, read)]
     return Imported(log, tracked, (*notes, *limit_notes(robot, by, log)))
 
 
@@ -273,12 +275,14 @@ def _heading(track: Track, column: Column) -> Track:
     return psi
 
 
-def _reference_notes(log: Log, tracked: TimedPoses) -> Iterator[str]:
+def _reference_notes(log: Log, tracked: TimedPoses, added: int) -> Iterator[str]:
     assert log.reference is not None
     known = int(np.isfinite(log.reference[:, 0]).sum())
     if known < len(log):
         rate = (len(tracked.t) - 1) / (tracked.t[-1] - tracked.t[0]) if len(tracked.t) > 1 else 0.0
         yield f"reference: {len(tracked.t)} poses, {rate:.3g} a second, near enough to {known} of {len(log)} rows"
+    if added:
+        yield f"reference: {added} poses are near no row; the log is read with rows at their times"
 
 
 def _commands(
