@@ -388,12 +388,12 @@ def _confirmed(
 
     order = None if after is None else order_of(after, search.good)
     every = [*search.answers, *beside]
-    answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes)
+    clean_gap = None if search.good is None else search.good.gap
+    answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes, clean_gap)
     answers = tuple(there_before(answer) if answer.candidate.family in as_before else answer for answer in answers)
     pair = None
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
-    clean_gap = None if search.good is None else search.good.gap
     inclusion = by_all_logs(inclusion, every, answers)
     whole, after_all = verdict_of(answers), seen.without_designs()
     known = search.creep, tuple(held_out.logs), clean_gap

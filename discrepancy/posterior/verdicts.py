@@ -19,6 +19,10 @@ from estimators.calibration.identifiability import COVERAGE
 WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")
 
 
+HALF = 0.5
+"""Part of a gap from which on, if it stays, something that matters is still unknown."""
+
+
 class Material(NamedTuple):
     """Odometry error from which on an effect matters in use: m after 10 m, and rad after a turn."""
 
@@ -36,15 +40,18 @@ def judged(
     order: GoodOrder | None,
     material: Material,
     fit: Callable[[Sequence[Sized]], Seen | None] | None = None,
+    usual_gap: tuple[float, float] | None = None,
 ) -> tuple[Answer, ...]:
     """Return the answers with their verdicts and with their probabilities by all logs, without those that held-out logs
     contradict so much that "nothing" is in the credible set of all logs together.
 
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them; fit: returns statistics of these logs with
-    other effects in the model, None where they do not fit.
+    other effects in the model, None where they do not fit. usual_gap: that of clean logs, if there are any.
     """
-    kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit)
+    kept = (
+        None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit, usual_gap)
+    )
     if kept is not None:
         answers = [kept.updated(answer) for answer in answers if not kept.contradict(answer)]
     verdicts = [_judgement(answer, kept, material) for answer in answers]
@@ -53,7 +60,11 @@ def judged(
         for answer, (verdict, reason) in zip(answers, verdicts, strict=True)
     ]
     unexplained = max((_price(answer, material) for answer in told if answer.verdict == "unexplained"), default=0.0)
-    return tuple(_doubted(answer) if _price(answer, material) < unexplained else answer for answer in told)
+    if unexplained and kept is not None and kept.half_stays:
+        return tuple(_doubted(answer, "with which half of the held-out gap stays") for answer in told)
+    return tuple(
+        _doubted(answer, "which costs more") if _price(answer, material) < unexplained else answer for answer in told
+    )
 
 
 def by_all_logs(inclusion: Mapping[str, float], before: Sequence[Answer], after: Sequence[Answer]) -> dict[str, float]:
@@ -104,14 +115,15 @@ def _price(answer: Answer, material: Material) -> float:
     return float(np.linalg.norm(answer.size * answer.cost / np.maximum(material, 1e-12)))
 
 
-def _doubted(answer: Answer) -> Answer:
-    """Return the answer on an effect beside something unexplained that costs more: it is as likely a part of that."""
+def _doubted(answer: Answer, why: str) -> Answer:
+    """Return the answer on an effect beside something unexplained that costs more, or that leaves half of the gap, told
+    by `why`: it is as likely a part of that."""
     if answer.verdict not in ("named", "unconfirmed"):
         return answer
     (name,) = answer.credible
     probabilities = answer.probabilities | {name: answer.probability / 2}
     probabilities["nothing"] = probabilities.get("nothing", 0.0) + answer.probability / 2
-    doubted = f"{answer.candidate.what} may be a part of what is unexplained, which costs more"
+    doubted = f"{answer.candidate.what} may be a part of what is unexplained, {why}"
     reason = doubted if answer.verdict == "named" else answer.reason
     return dataclasses.replace(answer, probabilities=probabilities, verdict="unconfirmed", reason=reason)
 
@@ -167,6 +179,7 @@ class _HeldOut:
     with_named: Seen
     order: GoodOrder
     fit: Callable[[Sequence[Sized]], Seen | None] | None
+    usual_gap: tuple[float, float] | None
 
     def log_ratio(self, answer: Answer) -> float:
         """Return the log-likelihood ratio of an effect of the size found against none."""
@@ -233,6 +246,14 @@ class _HeldOut:
         found = self.fit(moved)  # the formula may be far off
         likelier = found is not None and found.log_evidence - self.with_named.log_evidence > LOG_ODDS
         return ratio if likelier else 0.0
+
+    @property
+    def half_stays(self) -> bool:
+        """Whether half of the gap, or more, stays with all effects in the model, and clean logs have none as large."""
+        before, after = self.without.gap, self.with_named.gap
+        if before is None or after is None or (self.usual_gap is not None and self.usual_gap[0] >= HALF * after[0]):
+            return False
+        return after[0] >= HALF * before[0]
 
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""

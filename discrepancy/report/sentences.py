@@ -4,11 +4,9 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from discrepancy.posterior.verdicts import HALF
 from discrepancy.report.parts import MILLI, PERCENT, READ_AS, Data, digits_by, number
 from estimators.calibration.identifiability import COVERAGE
-
-HALF = 0.5
-"""The part of a gap from which on the part that stays is reported first."""
 
 LEAST_REPORTED, MOST = 0.01, 3
 """Probability from which on another name is reported; most such names of an answer, and most answers, that a sentence

@@ -120,6 +120,19 @@ def test_beside_something_unexplained_that_costs_more_a_name_is_not_sure(costs_m
     assert [sum(answer.probabilities.values()) for answer in answers] == [1.0, 1.0]
 
 
+@pytest.mark.parametrize(
+    ("stays", "usual", "expected"),
+    [(0.49, None, "named"), (0.51, None, "unconfirmed"), (0.51, 0.2, "unconfirmed"), (0.51, 0.3, "named")],
+)
+def test_nor_is_one_with_which_half_of_the_held_out_gap_stays_whatever_it_costs(stays, usual, expected):
+    """As counts lost in bursts, of which a name for other lost counts explains little."""
+    unknown = dataclasses.replace(UNKNOWN, cost=0.5 * ANSWER.cost)
+    held_out = seen(0.0, (20e-3, 5e-3)), seen(LOG_ODDS + 1, (20e-3 * stays, 5e-3))
+    usual_gap = None if usual is None else (20e-3 * usual, 0.0)
+    answers = judged([ANSWER, unknown], [Sized(CAUSE, ANSWER.amplitudes)], held_out, ORDER, MATERIAL, None, usual_gap)
+    assert [answer.verdict for answer in answers] == [expected, "unexplained"]
+
+
 def test_nor_is_a_name_that_is_not_confirmed_and_its_reason_stays():
     unknown = dataclasses.replace(UNKNOWN, cost=1.1 * ANSWER.cost)
     unsure = dataclasses.replace(ANSWER, covariance=np.array([[0.0052**2]]))
