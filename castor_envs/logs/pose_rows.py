@@ -29,7 +29,7 @@ def with_reference(log: Log, tracked: TimedPoses, vehicle: Vehicle) -> Log:
     """
     at_rows = tracked.at(log.t)
     log = dataclasses.replace(log, reference=at_rows)
-    shown = np.isfinite(at_rows).all(axis=1)
+    shown = np.asarray(np.isfinite(at_rows).all(axis=1))
     after = np.searchsorted(log.t, tracked.t)
     within = (after > 0) & (after < len(log)) & np.isfinite(interpolated(log.t, log.t, tracked.t))
     after = np.clip(after, 1, len(log) - 1)

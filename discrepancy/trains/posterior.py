@@ -92,7 +92,9 @@ def _of_lasting_noise(answers: Sequence[Answer], named: Sequence[Sized], seen: L
     """Return answers with the errors of effects in the model as large as their scores' variance over long times shows:
     slip is not white."""
     in_model = [cause for cause in _of_trains([effect.candidate for effect in named]) if not cause.kinds[0].binary]
-    ratio = dict(zip(in_model, seen.long_run(in_model), strict=True)) if in_model else {}
+    ratio: dict[Cause, float] = {}
+    if in_model:
+        ratio |= zip(in_model, seen.long_run(in_model).tolist(), strict=True)
     return [replace(answer, covariance=answer.covariance * ratio.get(answer.candidate, 1.0)) for answer in answers]
 
 

@@ -157,7 +157,7 @@ class Equations:
         """Return the first sample (R,) that each row depends on; block: unknowns of a sample."""
         matrix = self.by_sample
         filled = np.diff(matrix.indptr) > 0
-        first = np.zeros(matrix.shape[0], dtype=np.intp)
+        first = np.zeros(len(self.residual), dtype=np.intp)
         first[filled] = np.minimum.reduceat(matrix.indices, matrix.indptr[:-1][filled])
         return first // block
 
