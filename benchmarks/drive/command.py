@@ -21,7 +21,7 @@ from castor_envs.floor import Floor
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
 from castor_envs.logs.recorder import RecordLog
-from castor_envs.vehicles.load import Vehicle, file_name, load_vehicle
+from castor_envs.vehicles.load import Vehicle, check_beside, file_name, load_vehicle
 from castor_envs.vehicles.train import TrainDescription
 from estimators.plugins.registry import load_estimator
 
@@ -89,9 +89,7 @@ def _check_record(record: Path, vehicle: Vehicle) -> None:
         raise InputError(f"--record {record}: logs end in .csv; name one")
     if record.exists():
         raise InputError(f"--record {record}: is there already; name a new file")
-    beside = record.parent / file_name(vehicle)
-    if beside.exists() and load_vehicle(str(beside)).hash() != vehicle.hash():
-        raise InputError(f"--record {record}: {beside} is another {vehicle.scope}; name a new folder")
+    check_beside(record.parent, vehicle, f"--record {record}")
     with writing(f"--record {record}"):
         record.parent.mkdir(parents=True, exist_ok=True)
 

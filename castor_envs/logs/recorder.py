@@ -7,10 +7,11 @@ from typing import Any
 import gymnasium as gym
 import numpy as np
 
+from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
-from castor_envs.vehicles.load import file_name
+from castor_envs.vehicles.load import check_beside, file_name
 
 
 class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
@@ -21,9 +22,10 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
 
     env: an environment that offers its `vehicle`, as those of castor_envs do, and maybe `reference(t, pose)`, what a
     tracker reports of true poses, and `readings`, what its sensors say where the agent sees something else (scaled);
-    wrapped or not. folder: where each finished episode
-    goes as ``episode-0000.csv``, with the vehicle's description beside it as ``robot.json`` or ``train.json``; None
-    keeps the newest episode in memory only (`log`).
+    wrapped or not. folder: where each episode goes as ``episode-0000.csv``, with the vehicle's description beside it as
+    ``robot.json`` or ``train.json``; None keeps the newest episode in memory only (`log`). An episode is written when
+    it ends; one that is left, or cut by a wrapper around this one, by the next `reset` or by `close`. Raises InputError
+    for a folder that holds episodes, or another vehicle's file.
     """
 
     def __init__(self, env: gym.Env[Any, Any], folder: str | os.PathLike[str] | None = None) -> None:
@@ -37,15 +39,18 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
         self._folder = None if folder is None else Path(folder)
         self._episodes = 0
         self._rows: list[dict[str, Array]] = []
+        self._written = True
         if self._folder is not None:
-            self._vehicle.save(self._folder / file_name(self._vehicle))
+            self._begin(self._folder)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Array], dict[str, Any]]:
-        """Start a new record."""
+        """Start a new record; write the log of an episode that has not ended."""
+        self._write()
         observation, info = self.env.reset(seed=seed, options=options)
         self._rows = [self._row(self._readings(observation), info)]
+        self._written = False
         return observation, info
 
     def step(self, action: Any) -> tuple[dict[str, Array], Any, bool, bool, dict[str, Any]]:
@@ -56,10 +61,16 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
         if readings["time"][0] > self._rows[-1]["t"]:
             self._rows[-1] |= _commands(info)
             self._rows.append(self._row(readings, info))
-        if (terminated or truncated) and self._folder is not None:
-            write_log(self._folder / f"episode-{self._episodes:04d}.csv", self.log(), self._vehicle)
-            self._episodes += 1
+        if terminated or truncated:
+            self._write()
         return observation, reward, terminated, truncated, info
+
+    def close(self) -> None:
+        """Write the log of an episode that has not ended, and close the environment."""
+        try:
+            self._write()
+        finally:
+            super().close()
 
     def log(self) -> Log:
         """Return the episode recorded so far; the last row's commands, not yet given, are zero."""
@@ -75,6 +86,25 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
             rps=columns.get("rps"),
             rps_age=columns.get("rps_age"),
         )
+
+    def _begin(self, folder: Path) -> None:
+        """Put the vehicle's file into a folder; raises InputError, before that, for one that is not for it."""
+        for episode in sorted(folder.glob("episode-*.csv"))[:1]:
+            raise InputError(f"{folder}: holds {episode.name} already; name a new folder, or remove what was recorded")
+        check_beside(folder, self._vehicle, str(folder))
+        if not (folder / file_name(self._vehicle)).exists():
+            self._vehicle.save(folder / file_name(self._vehicle))
+
+    def _write(self) -> None:
+        """Write the log of an episode once, if anything was driven; raises InputError where another recorder has."""
+        if self._written or self._folder is None or len(self._rows) < 2:
+            return
+        self._written = True
+        path = self._folder / f"episode-{self._episodes:04d}.csv"
+        if path.exists():
+            raise InputError(f"{path}: was written by another recorder; give each a folder of its own")
+        write_log(path, self.log(), self._vehicle)
+        self._episodes += 1
 
     def _row(self, observation: dict[str, Array], info: dict[str, Any]) -> dict[str, Array]:
         row = {

@@ -49,6 +49,14 @@ def load_vehicle(spec: Vehicle | str) -> Vehicle:
         raise
 
 
+def check_beside(folder: Path, vehicle: Vehicle, named: str) -> None:
+    """Raise InputError, which names what was asked for, where logs in a folder are those of another vehicle."""
+    for word in _WORDS.values():
+        beside = folder / f"{word}.json"
+        if beside.exists() and load_vehicle(str(beside)).hash() != vehicle.hash():
+            raise InputError(f"{named}: {beside} is another {word}; name a new folder")
+
+
 def load_robot(spec: RobotDescription | str) -> RobotDescription:
     """Return a robot as `load_vehicle` does; raises InputError for anything else."""
     return _of_kind(RobotDescription, spec)
