@@ -36,6 +36,7 @@ from benchmarks.show.command import Following, told_failing
 from benchmarks.site.pages import single_page
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
+from castor_envs.cli import command_line
 from castor_envs.errors import InputError
 
 
@@ -67,7 +68,7 @@ def leaderboard(
     elif as_csv_text:
         print(as_csv(board), end="")
     elif as_html_text:
-        print(single_page(board), end="")
+        command_line.print_in_utf8(single_page(board))
     elif as_markdown_text:
         print(
             as_markdown(board) if detailed else f"{overviews_markdown(overviews(board.boards))}\n{as_markdown(board)}"

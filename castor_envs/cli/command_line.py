@@ -2,10 +2,13 @@
 
 Exit codes: 0 for success; 1 for an unexpected error, a full disk, or a failure that the command itself reports; 2 for a
 user's mistake; 130 after Ctrl-C. ``--traceback``, anywhere on the command line, shows an error's traceback too.
+What stdout cannot write, as where Windows sends it to a file, is ``-`` for dashes and minus signs, else ``?``.
 """
 
+import codecs
 import contextlib
 import errno
+import io
 import os
 import signal
 import sys
@@ -27,6 +30,8 @@ INTERRUPTED = 130
 """The exit code after Ctrl-C, as shells have it: 128 and the signal's number."""
 FULL = {errno.ENOSPC, errno.EFBIG, errno.EDQUOT}
 """Error numbers of the system for no space left: disk full, file too large, user's quota used up."""
+HYPHENS = "\N{MINUS SIGN}\N{EN DASH}"
+"""Characters for which a hyphen stands where stdout cannot write them: a number keeps its sign."""
 
 _kept: list[str] = []
 _endings: list[Callable[[], None]] = []
@@ -66,6 +71,12 @@ def keeping(notice: str) -> Iterator[None]:
     _kept.pop()  # not after an exception: `run` prints the notice then
 
 
+def print_in_utf8(text: str) -> None:
+    """Print a text that says itself that it is in UTF-8, whatever the locale."""
+    _reconfigure("utf-8")
+    print(text, end="")
+
+
 @contextmanager
 def ending_with(ending: Callable[[], None]) -> Iterator[None]:
     """Call a function when this context ends, also where Ctrl-C ends the script at once."""
@@ -96,6 +107,7 @@ def main(app: typer.Typer) -> NoReturn:
 def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:
     """Run an app with the given arguments, or those of the process, and exit with its code."""
     _kept.clear()
+    _reconfigure(None)
     given = sys.argv[1:] if arguments is None else arguments
     options = given[: given.index("--")] if "--" in given else given
     with_traceback = TRACEBACK in options
@@ -113,6 +125,21 @@ def run(app: typer.Typer, arguments: list[str] | None = None) -> NoReturn:
             traceback.print_exc()
         code = _explained(error, with_traceback)
     sys.exit(code if isinstance(code, int) else 0)
+
+
+def _reconfigure(encoding: str | None) -> None:
+    """Let stdout write any text, in an encoding or its own, unless something that is no file stands for it."""
+    codecs.register_error("plainer", _plainer)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(encoding=encoding, errors="plainer")
+
+
+def _plainer(error: UnicodeError) -> tuple[str, int]:
+    """Return what is written for characters that an encoding lacks, and where to go on: a handler of `codecs`."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    lacking = error.object[error.start : error.end]
+    return "".join("-" if character in HYPHENS else "?" for character in lacking), error.end
 
 
 def _stop(number: int, frame: FrameType | None) -> NoReturn:

@@ -1,6 +1,7 @@
 """The console script: what it prints, and one clear line for each mistake."""
 
 import importlib
+import io
 import json
 import os
 import subprocess
@@ -82,8 +83,11 @@ def test_of_many_tasks_a_run_shows_the_overview(jobs_here, castor_bench, fake_ta
     assert "faulty:Raises failed 1 of 1 cases (0): raised" in out
     code, out, _ = castor_bench("leaderboard", "--group", "group-0", "--csv")
     assert (code, [line.split(",")[1] for line in out.splitlines()]) == (0, ["task", *2 * ["arcs-0"], *2 * ["arcs-2"]])
+    assert isinstance(sys.stdout, io.TextIOWrapper)
+    sys.stdout.reconfigure(encoding="cp1252")  # what it was is read as UTF-8
     code, out, _ = castor_bench("leaderboard", "--html")
     assert (code, out.startswith("<!DOCTYPE html>"), out.endswith("</html>\n")) == (0, True, True)
+    assert "\N{MIDDLE DOT}" in out
     code, out, _ = castor_bench("leaderboard", "--markdown")
     assert (code, out.startswith("## Estimators of robots"), out.count("## Arcs")) == (0, True, 4)
 

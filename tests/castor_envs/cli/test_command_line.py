@@ -1,5 +1,7 @@
 """Console scripts: one line and an exit code for every error, and Ctrl-C ends all of it at any moment."""
 
+import contextlib
+import io
 import os
 import re
 import signal
@@ -99,6 +101,25 @@ def test_the_traceback_is_shown_where_it_is_asked_for(call, arguments):
 
 def test_after_two_dashes_an_argument_is_one(call):
     assert call(None, "show", "--", "--traceback") == (0, "--traceback\n", "")
+
+
+@pytest.fixture
+def windows_file():
+    """A file that a text goes to in the coding of Windows, to be read as bytes."""
+    return io.TextIOWrapper(io.BytesIO(), encoding="cp1252", newline="\n", write_through=True)
+
+
+def test_what_stdout_cannot_write_is_plainer_and_numbers_keep_their_sign(windows_file, capsys):
+    with contextlib.redirect_stdout(windows_file), pytest.raises(SystemExit) as leaving:
+        command_line.run(an_app(None), ["show", "\N{MINUS SIGN}1\N{DEGREE SIGN}", "\N{RIGHTWARDS ARROW}", "\udcff"])
+    assert (leaving.value.code, windows_file.buffer.getvalue()) == (0, "-1\N{DEGREE SIGN} ? ?\n".encode("cp1252"))
+    assert capsys.readouterr().err == ""
+
+
+def test_what_says_that_it_is_utf_8_is_utf_8(windows_file):
+    with contextlib.redirect_stdout(windows_file):
+        command_line.print_in_utf8("\N{RIGHTWARDS ARROW}")
+    assert windows_file.buffer.getvalue() == "\N{RIGHTWARDS ARROW}".encode()
 
 
 def test_a_message_of_any_length_is_one_short_line(call):
