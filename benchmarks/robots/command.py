@@ -20,6 +20,7 @@ def check_robot(file: str, png: Path | None, as_json: bool) -> bool:
     png: where its layout is drawn, replacing what is there. Raises InputError for a file that cannot be read, or a
     picture that cannot be written.
     """
+    _check_picture(png)
     if file.endswith(".json") and not Path(file).exists():
         raise InputError(f"{file}: there is no such file; --new asks for a robot and writes it")
     try:
@@ -46,6 +47,7 @@ def check_robot(file: str, png: Path | None, as_json: bool) -> bool:
 
 def new_robot(file: str, png: Path | None, force: bool) -> None:
     """Ask for a robot and write it to `file`; raises InputError, before any question, where a file is there already."""
+    _check_picture(png)
     path = Path(file)
     if path.suffix != ".json":
         raise InputError(f"{file}: robot files end in .json; name one")
@@ -60,14 +62,17 @@ def new_robot(file: str, png: Path | None, force: bool) -> None:
 
 def draw(vehicle: Vehicle, png: Path) -> None:
     """Draw a layout to a PNG file."""
-    if png.suffix.lower() != ".png":
-        raise InputError(f"--png {png}: pictures end in .png; name one")
     picture = io.BytesIO()
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph")  # a name in letters that the font lacks is drawn as boxes
         layout_figure(vehicle).savefig(picture, format="png", dpi=110)
     with writing(f"--png {png}"):
         write_atomically(png, picture.getvalue())
+
+
+def _check_picture(png: Path | None) -> None:
+    if png is not None and png.suffix.lower() != ".png":
+        raise InputError(f"--png {png}: pictures end in .png; name one")
 
 
 def _remarked(vehicle: Vehicle) -> list[str]:
