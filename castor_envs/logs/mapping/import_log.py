@@ -87,7 +87,14 @@ def _tracks(source: Path, columns: LogColumns, by: ChannelMap, name: str, notes:
     """Return the readings of each column, s since the first count; those that are left out are noted."""
     readings = _readings(source, by, name, notes)
     begin = min(readings[key][0].time[0] for key in (*columns.wheel, *columns.pivot))
-    return {key: _track(f"{name}: columns.{key}", by, key, readings.pop(key), begin, notes) for key in by.columns}
+    said: dict[tuple[str, str], list[str]] = {}
+    tracks = {key: _track(f"{name}: columns.{key}", by, key, readings.pop(key), begin, said) for key in by.columns}
+    notes += [f"{_together(keys)}: {what} and are left out" for (_, what), keys in said.items()]
+    return tracks
+
+
+def _together(keys: list[str]) -> str:
+    return keys[0] if len(keys) == 1 else f"{len(keys)} columns ({shortened(', '.join(keys), 60)})"
 
 
 def _readings(source: Path, by: ChannelMap, name: str, notes: list[str]) -> dict[str, list[Series]]:
@@ -136,9 +143,14 @@ def _clock(place: Source, recording: Recording) -> Clock:
     return place.clock
 
 
-def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: int, notes: list[str]) -> Track:
+def _track(
+    where: str, by: ChannelMap, key: str, series: list[Series], begin: int, said: dict[tuple[str, str], list[str]]
+) -> Track:
     """Return a column's readings in the channel's unit, sign and scale applied; headings of quaternions in rad, and the
-    sums of increments."""
+    sums of increments.
+
+    said: gets the column's key by its source and what is left out, which is the same for all columns of one topic.
+    """
     column, first = by.columns[key], series[0]
     times, values = np.asarray(first.time, dtype=np.int64), np.asarray(first.value, dtype=float)
     zeros = 0
@@ -157,7 +169,8 @@ def _track(where: str, by: ChannelMap, key: str, series: list[Series], begin: in
     left_out |= {"are no finite numbers": missing, "are quaternions of 0, which are no headings": zeros}
     for what, count in left_out.items():
         if count:
-            notes.append(f"{key}: {count} of {len(first.time) + missing} readings {what} and are left out")
+            of = f"{count} of {len(first.time) + missing} readings {what}"
+            said.setdefault((column.source, of), []).append(key)
     if column.wraps_at is not None:
         if (reach := np.ptp(track.value)) > column.wraps_at * (1 + ROUNDED):
             raise InputError(

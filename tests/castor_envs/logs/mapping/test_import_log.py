@@ -460,7 +460,7 @@ def test_a_few_readings_out_of_order_are_left_out_and_counted(tmp_path, late, by
     np.testing.assert_allclose(imported.log.t, np.delete(T, late), atol=1e-9)
     np.testing.assert_allclose(imported.log.wheel[:, 0], np.delete(ANGLE, late) * PER_RADIAN, atol=1e-9)
     said = f"{len(late)} of 101 readings come after later ones and are left out"
-    assert [note for note in imported.notes if "of 101" in note] == [f"wheel_1l: {said}", f"wheel_1r: {said}"]
+    assert [note for note in imported.notes if "of 101" in note] == [f"2 columns (wheel_1l, wheel_1r): {said}"]
 
 
 def test_increments_that_are_left_out_are_summed_all_the_same(tmp_path):
