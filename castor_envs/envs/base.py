@@ -25,6 +25,9 @@ from castor_envs.vehicles.train import TrainDescription
 
 Sensed = TypeVar("Sensed", SensedRobot, SensedTrain)
 
+OF_WRAPPERS = {"minari_autoseed"}
+"""Options of `reset` that wrappers read and hand on."""
+
 VIEW_MARGIN = 0.6  # m of floor shown around the course and the robot on it
 
 
@@ -74,8 +77,13 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         if not self._began:
             raise ResetNeeded(f"{what} needs an episode that has begun; call env.reset() first")
 
-    def _start(self, seed: int | None) -> Observation:
-        """Seed, and put the vehicle at rest at the start of the course."""
+    def _start(self, seed: int | None, options: dict[str, Any] | None) -> Observation:
+        """Seed, and put the vehicle at rest at the start of the course; raises InputError for any option."""
+        for name in sorted((options or {}).keys() - OF_WRAPPERS)[:1]:
+            raise InputError(
+                f"reset has no option {name!r}; known: 'reset_mask', of vectors only; robot, course and floor are "
+                "given to gymnasium.make"
+            )
         super().reset(seed=seed)
         course = self._next_course()
         self.samples = int(np.ceil(course.duration / self.vehicle.sample_period - 1e-9))

@@ -84,7 +84,7 @@ class ConfigurationEnv(TrainEnv):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Put the train at the start."""
-        observation = self._start(seed)
+        observation = self._start(seed, options)
         self._driver = TrainDriver(self.train, self.path)
         self._error = 0.0
         self._off: NDArray[np.float64] | None = None

@@ -104,7 +104,7 @@ class UMBmarkEnv(RobotEnv):
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Put the robot at the start."""
-        observation = self._start(seed)
+        observation = self._start(seed, options)
         self._error = 0.0
         self._off: NDArray[np.float64] | None = None
         self._show()

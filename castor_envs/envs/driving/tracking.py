@@ -98,7 +98,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """Put the vehicle at the start of its course."""
-        self._start(seed)
+        self._start(seed, options)
         self.table = ReferenceTable(self.course, self.vehicle.sample_period, AHEAD)
         self._estimator = None if self._estimator_class is None else self._estimator_class()
         if self._estimator is not None:

@@ -1,4 +1,4 @@
-"""Before the first reset there is no episode: whatever is asked of one says so, and what to do."""
+"""Before the first reset there is no episode: whatever is asked of one says so, and what to do. It has no options."""
 
 # pyright: reportAttributeAccessIssue=false
 
@@ -8,6 +8,7 @@ import pytest
 from gymnasium.error import ResetNeeded
 
 from castor_envs.envs import ENVIRONMENTS
+from castor_envs.errors import InputError
 
 DRIVEN = ("castor/ASOC-v1", "castor/CFMMR-v1")
 
@@ -45,3 +46,18 @@ def test_the_first_reset_of_a_vector_is_of_all_members(name):
         vector.reset(options={"reset_mask": np.array([True, False])})
     vector.reset(options={"reset_mask": np.array([True, True])})
     vector.step(vector.action_space.sample())
+
+
+@pytest.mark.parametrize("name", ENVIRONMENTS)
+def test_options_that_a_reset_does_not_know_are_refused(name):
+    """But a vector's mask, and what a recorder of data sets reads and hands on."""
+    env, vector = gym.make(name), gym.make_vec(name, num_envs=2, autoreset_mode="Disabled")
+    for options in ({}, {"minari_autoseed": False}):
+        env.reset(seed=0, options=options)
+        vector.reset(seed=0, options=dict(options))
+    said = r"reset has no option 'directon'; known: 'reset_mask', of vectors only; .* gymnasium\.make"
+    mask = {"reset_mask": np.array([True, False])}
+    for reset, known in ((env.reset, {}), (vector.reset, {}), (vector.reset, mask)):
+        with pytest.raises(InputError, match=said):
+            reset(options=known | {"directon": "cw"})
+    vector.reset(options=mask)
