@@ -1,6 +1,7 @@
 """The command that makes logs of measurements: of published data, or of a recording of one's own robot."""
 
 import json
+import shlex
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -68,7 +69,7 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
     print(f"{out}: {len(log)} rows in {log.t[-1]:.1f} s, {poses} reference poses")
     for note in imported.notes:
         print(f"note: {note}")
-    print(f"next: castor-diagnose inspect {out} --robot {robot}")
+    print("next: " + shlex.join(["castor-diagnose", "inspect", str(out), "--robot", str(robot)]))
 
 
 def _show(source: Path, robot: str | None, out: Path | None) -> None:
@@ -83,7 +84,8 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
     if described is None:
         print("next: give --robot, and a map is made that says which channel is which column of the log")
         return
-    following = f"next: castor-bench import {source} --robot {robot} --map {MAP} --out {out or LOG}"
+    given = [source, "--robot", robot, "--map", MAP, "--out", out or LOG]
+    following = "next: " + shlex.join(["castor-bench", "import", *map(str, given)])
     guessed = guess_map(found, clock, described)
     undecided = [key for key, column in guessed.columns.items() if UNDECIDED in column.channels]
     pose = {key: column for key, column in guessed.columns.items() if key.startswith("ref_")}

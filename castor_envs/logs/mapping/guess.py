@@ -58,8 +58,9 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     """Return a map of all columns that a robot's log needs, `UNDECIDED` where no channel's name fits, and of those that
     it may have where one does. Channels that never change are taken only where no others fit.
     """
-    columns, free, places = LogColumns.of(robot), dict(found), Places(robot)
-    guessed = {key: Column(channel=key, unit=unit) for key, unit in _log_units(columns).items() if key in free}
+    columns, free, places = LogColumns.of(robot), dict(found), Places(robot, found)
+    own = {key: unit for key, unit in _log_units(columns).items() if key in free and key not in places.zero_based}
+    guessed = {key: Column(channel=key, unit=unit) for key, unit in own.items()}
     free = {name: channel for name, channel in free.items() if name not in guessed}
     for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
         wanted = [key for key in names if key not in guessed]
@@ -169,9 +170,9 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
         return 0
     score += places.agreement(key, name)
     if not places.says_castor(name) and (len(places.castors) > 1 or side is None):
-        numbers = [word for word in given if word.isdigit()]
-        zero_based = bool(re.search(r"\[\d+\]", name))
-        wanted = str(int(number) - 1) if zero_based else number
+        from_zero = places.zero_based.get(name)
+        numbers = [word for word in given if word.isdigit()] if from_zero is None else [from_zero]
+        wanted = number if from_zero is None and not re.search(r"\[\d+\]", name) else str(int(number) - 1)
         score += 2 if wanted in numbers else -2 if numbers else 0
     return score
 

@@ -1,6 +1,7 @@
 """Where on a robot a wheel or a pivot is, by its place in the robot file and by what a channel's name says."""
 
 import re
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -28,6 +29,18 @@ def words_of(name: str) -> set[str]:
     return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)}
 
 
+def zero_based(names: Iterable[str]) -> dict[str, str]:
+    """Return the number in each name of those that are numbered from 0 on: alike but for a number, which is 0 in the
+    first, 1 in the next, and so on, in two names or more."""
+    alike: dict[tuple[str, str], dict[str, str]] = {}
+    for name in names:
+        for digits in re.finditer(r"\d+", name):
+            rest = name[: digits.start()], name[digits.end() :]
+            alike.setdefault(rest, {})[digits[0]] = name
+    numbered = [found for found in alike.values() if len(found) > 1 and set(found) == {*map(str, range(len(found)))}]
+    return {name: number for found in numbered for number, name in found.items()}
+
+
 def _side(given: set[str], words: tuple[set[str], set[str]]) -> int:
     """Return 1 or -1 for words of the first or of the second kind, 0 for none or both."""
     return int(bool(given & words[0])) - int(bool(given & words[1]))
@@ -47,7 +60,9 @@ class Places:
     Of wheels, where castors with two of them stand beside each other, left and right are those of the castor.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription, names: Iterable[str] = ()) -> None:
+        """names: of all channels, of which some may be numbered from 0 on."""
+        self.zero_based = zero_based(names)
         pivots = np.array([castor.pivot for castor in robot.castors])
         self.castors = list(zip(*(_signs(axis) for axis in pivots.T), strict=True))
         self._beside = any(side for _, side in self.castors)
