@@ -41,6 +41,9 @@ _PER_SECOND = re.compile(
 )
 """A unit of speed in a name, such as ``deg/s``, ``m_s`` and ``ticks per sec``."""
 
+_PLACE = re.compile(r"(\d+)([lr])?$")
+"""The number and the side in the name of a log's column."""
+
 _JOINT = re.compile(r"(?:^| )((?:position|velocity)\[.*\])$")
 """What names a joint of ROS in a channel: ``velocity[left]`` of whatever topic."""
 
@@ -59,7 +62,7 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
     it may have where one does. Channels that never change are taken only where no others fit.
     """
     columns, free, places = LogColumns.of(robot), dict(found), Places(robot, found)
-    own = {key: unit for key, unit in _log_units(columns).items() if key in free and key not in places.zero_based}
+    own = {key: unit for key, unit in _log_units(columns).items() if key in free and _is_own(key, places)}
     guessed = {key: Column(channel=key, unit=unit) for key, unit in own.items()}
     free = {name: channel for name, channel in free.items() if name not in guessed}
     for names, words in ((columns.pivot, PIVOT), (columns.wheel, WHEEL)):
@@ -123,6 +126,12 @@ def _log_units(columns: LogColumns) -> dict[str, str]:
     return named | dict(zip(columns.reference, ("m", "m", "rad"), strict=True))
 
 
+def _is_own(key: str, places: Places) -> bool:
+    """Return whether a channel that is called like a log's column is that; ``wheel_1`` beside ``wheel_0`` is not."""
+    match = _PLACE.search(key)
+    return match is None or int(match[1]) in places.numbers(key)
+
+
 def _best(key: str, free: Iterable[str], words: set[str], places: Places) -> str:
     """Return the channel whose name speaks best for a column, `UNDECIDED` where none does."""
     scored = [(_score(key, name, words, places), name) for name in free]
@@ -152,8 +161,8 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
         return 0
     if words is PIVOT and (given & SPEED or _PER_SECOND.search(name.lower())):  # a pivot's angle is needed
         return 0
-    match = re.search(r"(\d+)([lr])?$", key)
-    number, side = (match[1], match[2]) if match else ("", None)
+    match = _PLACE.search(key)
+    number, side = (int(match[1]), match[2]) if match else (0, None)
     joint = _JOINT.search(name)
     alone = words_of(joint[1]) if joint else given
     of_wheel = words is WHEEL and (alone <= SAID | SPEED | UNITS or name.endswith(".speed"))
@@ -170,10 +179,8 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
         return 0
     score += places.agreement(key, name)
     if not places.says_castor(name) and (len(places.castors) > 1 or side is None):
-        from_zero = places.zero_based.get(name)
-        numbers = [word for word in given if word.isdigit()] if from_zero is None else [from_zero]
-        wanted = number if from_zero is None and not re.search(r"\[\d+\]", name) else str(int(number) - 1)
-        score += 2 if wanted in numbers else -2 if numbers else 0
+        numbers = places.numbers(name)
+        score += 2 if number in numbers else -2 if numbers else 0
     return score
 
 

@@ -1,7 +1,7 @@
 """Where on a robot a wheel or a pivot is, by its place in the robot file and by what a channel's name says."""
 
 import re
-from collections.abc import Iterable
+from collections.abc import Collection
 
 import numpy as np
 
@@ -20,6 +20,9 @@ SHORT = ({"fl", "rl", "bl", "lf", "lr", "lb"}, {"fr", "rr", "br", "rf", "rb"})
 SIDE = (PLAIN[0] | SHORT[0], PLAIN[1] | SHORT[1])
 SAID = set().union(*FORE, *PLAIN, *SHORT)
 
+_NUMBER = re.compile(r"(?<!\d)\d{1,4}(?!\d)")
+"""A number in a name; longer ones are none of a castor."""
+
 NEAR = 0.1
 """What is nearer to the middle than this part of the farthest is neither before nor behind, neither left nor right."""
 
@@ -27,18 +30,6 @@ NEAR = 0.1
 def words_of(name: str) -> set[str]:
     """Return the words and numbers in a name, in lower case; ``leftWheel_2`` has left, wheel and 2."""
     return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+", name)}
-
-
-def zero_based(names: Iterable[str]) -> dict[str, str]:
-    """Return the number in each name of those that are numbered from 0 on: alike but for a number, which is 0 in the
-    first, 1 in the next, and so on, in two names or more."""
-    alike: dict[tuple[str, str], dict[str, str]] = {}
-    for name in names:
-        for digits in re.finditer(r"\d+", name):
-            rest = name[: digits.start()], name[digits.end() :]
-            alike.setdefault(rest, {})[digits[0]] = name
-    numbered = [found for found in alike.values() if len(found) > 1 and set(found) == {*map(str, range(len(found)))}]
-    return {name: number for found in numbered for number, name in found.items()}
 
 
 def _side(given: set[str], words: tuple[set[str], set[str]]) -> int:
@@ -57,12 +48,12 @@ def _signs(at: Array) -> list[int]:
 class Places:
     """The places of a robot's castors and wheels, as (1, 0 or -1: front or rear; 1, 0 or -1: left or right).
 
-    Of wheels, where castors with two of them stand beside each other, left and right are those of the castor.
+    Of wheels, where castors with two of them stand beside each other, left and right are those of the castor. names:
+    all channels, which tell whether their numbers begin at 0.
     """
 
-    def __init__(self, robot: RobotDescription, names: Iterable[str] = ()) -> None:
-        """names: of all channels, of which some may be numbered from 0 on."""
-        self.zero_based = zero_based(names)
+    def __init__(self, robot: RobotDescription, names: Collection[str] = ()) -> None:
+        self._names = names
         pivots = np.array([castor.pivot for castor in robot.castors])
         self.castors = list(zip(*(_signs(axis) for axis in pivots.T), strict=True))
         self._beside = any(side for _, side in self.castors)
@@ -94,6 +85,17 @@ class Places:
             _side(given, words) != 0 and any(place[axis] for place in self.castors)
             for axis, words in enumerate((FORE, SIDE))
         )
+
+    def numbers(self, name: str) -> set[int]:
+        """Return the numbers in a name, counted from 1 on: those from 0 on, in brackets as of arrays or by the names of
+        all channels, which have 0 and 1 in its place and not the number of castors, are raised by 1."""
+        for number in _NUMBER.finditer(name):
+            before, digits, after = name[: number.start()], len(number[0]), name[number.end() :]
+            there = [f"{before}{k:0{digits}}{after}" in self._names for k in (0, 1, len(self.castors))]
+            in_brackets = before.endswith("[") and after.startswith("]")
+            if in_brackets or there == [True, True, False]:
+                return {int(number[0]) + 1}
+        return {int(number) for number in _NUMBER.findall(name)}
 
     def remark(self, by: ChannelMap) -> str | None:
         """Return what to say of a first map that takes castors by numbers in names, None where there is nothing."""
