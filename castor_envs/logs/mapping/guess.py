@@ -165,7 +165,9 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
     number, side = (int(match[1]), match[2]) if match else (0, None)
     joint = _JOINT.search(name)
     alone = words_of(joint[1]) if joint else given
-    of_wheel = words is WHEEL and (alone <= SAID | SPEED | UNITS or name.endswith(".speed"))
+    last = joint[1] if joint else name.rpartition("/")[2]
+    drives = bool(given & SPEED) and "drive" in words_of(last)
+    of_wheel = words is WHEEL and (alone <= SAID | SPEED | UNITS or name.endswith(".speed") or drives)
     score = 2 if given & words or of_wheel else 0
     if words is WHEEL:
         score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0

@@ -96,6 +96,10 @@ SWERVE = {"front left": 1, "rear left": 2, "rear right": 3, "front right": 4}
         ("{}_wheel_pos_position", "{}_azimuth", ("FL", "FR", "RL", "RR")),
         ("NT:/{}/distance", "NT:/{}/angle", ("FrontLeft", "FrontRight", "BackLeft", "BackRight")),
         ("/js position[{}_wheel]", "/js position[{}_steer]", ("lf", "rf", "lb", "rb")),
+        *(
+            (wheel, "/js position[{}_steer_joint]", ("front_left", "front_right", "rear_left", "rear_right"))
+            for wheel in ("/js velocity[{}_drive_joint]", "/states interface_values[{}_drive].values[velocity]")
+        ),
     ],
 )
 def test_castors_are_found_by_their_places_in_any_order(wheel, pivot, places):
@@ -104,6 +108,15 @@ def test_castors_are_found_by_their_places_in_any_order(wheel, pivot, places):
     for place, name in zip(order, places, strict=True):
         assert found[f"wheel_{SWERVE[place]}"][0] == wheel.format(name)
         assert found[f"pivot_{SWERVE[place]}"][0] == pivot.format(name)
+
+
+def test_speeds_of_a_drive_are_a_wheels_and_those_of_its_body_are_not():
+    found = guessed("swerve", *(f"NT:/Drive/Module{k}/{part}Velocity" for k in range(4) for part in ("Turn", "Drive")))
+    assert [found[f"wheel_{k + 1}"] for k in range(4)] == [
+        (f"NT:/Drive/Module{k}/DriveVelocity", "rad/s") for k in range(4)
+    ]
+    found = guessed("swerve", *(f"NT:/Drive/Speeds[{k}]" for k in range(3)), "/drive velocity[front_left_steer]")
+    assert {channel for channel, _ in found.values()} == {"?"}
 
 
 def test_places_are_those_of_the_robot_file():
