@@ -69,7 +69,7 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
     print(f"{out}: {len(log)} rows in {log.t[-1]:.1f} s, {poses} reference poses")
     for note in imported.notes:
         print(f"note: {note}")
-    print("next: " + shlex.join(["castor-diagnose", "inspect", str(out), "--robot", str(robot)]))
+    print(f"next: {shlex.join(['castor-diagnose', 'inspect', str(out), '--robot', robot])}")
 
 
 def _show(source: Path, robot: str | None, out: Path | None) -> None:
@@ -81,11 +81,11 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
     _print_channels(source, recording, clock, found)
     if out is not None:
         print(f"note: without --map no log is made, and --out {out} is not used")
-    if described is None:
+    if robot is None or described is None:
         print("next: give --robot, and a map is made that says which channel is which column of the log")
         return
-    given = [source, "--robot", robot, "--map", MAP, "--out", out or LOG]
-    following = "next: " + shlex.join(["castor-bench", "import", *map(str, given)])
+    options = ("--robot", robot, "--map", str(MAP), "--out", str(out or LOG))
+    following = f"next: {shlex.join(('castor-bench', 'import', str(source), *options))}"
     guessed = guess_map(found, clock, described)
     undecided = [key for key, column in guessed.columns.items() if UNDECIDED in column.channels]
     pose = {key: column for key, column in guessed.columns.items() if key.startswith("ref_")}

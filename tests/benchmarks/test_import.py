@@ -138,6 +138,20 @@ def test_a_recording_is_shown_and_a_map_is_made_then_a_log(tmp_path, capsys, mon
     assert log.wheel[:, 1].tolist() == [12 * k for k in range(50)]
 
 
+def test_commands_that_are_printed_can_be_typed_whatever_files_are_called(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("my run.csv").write_text("t,left_ticks,right_ticks\n0,0,0\n1,1,1\n2,2,2\n")
+    Path("my robot.json").write_text(json.dumps(preset("differential").to_dict()))
+    _, printed, _ = call(capsys, "import", "my run.csv", "--robot", "my robot.json", "--out", "my log.csv")
+    program, *arguments = shlex.split(printed.splitlines()[-1].removeprefix("next: "))
+    assert (program, arguments[1]) == ("castor-bench", "my run.csv")
+    code, printed, _ = call(capsys, *arguments)
+    assert code == 0
+    assert shlex.split(printed.splitlines()[-1]) == [
+        "next:", "castor-diagnose", "inspect", "my log.csv", "--robot", "my robot.json",
+    ]  # fmt: skip
+
+
 def test_mistakes_in_an_import_are_one_line_and_leave_no_file(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("t,left,right\n0,1,2\n1,2,3\n")
