@@ -17,6 +17,7 @@ from castor_envs.logs.mapping.said_units import says_unit
 from castor_envs.logs.recordings import formats, recognised
 from castor_envs.logs.recordings.recording import Clock, Found, Recording
 from castor_envs.vehicles.load import load_robot
+from castor_envs.vehicles.robot import RobotDescription
 
 PUBLISHED, LOG, MAP = Path("measured"), Path("log.csv"), Path("map.json")
 """Where things go unless told: the folder of published data, a log, a map to edit."""
@@ -96,27 +97,20 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         else:
             _show_remedies(source, bool(recording.left_out))
         return
-    if MAP.exists():
-        print(f"\n{MAP}: is there already, and is left alone; move it to have a new one made")
-        try:
-            ChannelMap.load(MAP).check(described, str(MAP))
-        except InputError as error:
-            print(f"note: {error}")
-        else:
-            print(following)
-        return
-    guessed.save(MAP)
-    print(f"\n{MAP}: a map, guessed from names; check each line of it")
-    for key, column in guessed.columns.items():
-        given = shortened(", ".join(column.channels))
-        known = key in column.channels or all(says_unit(name, column.unit) for name in column.channels)
-        source_of = "" if column.source == "main" else f", source {column.source!r}"
-        unit = f"{column.unit}{'' if known else ', unit guessed'}{source_of}"
-        print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
+    there = MAP.exists()
+    if not there:
+        guessed.save(MAP)
+    state = "is there already, and is left alone; move it to have this one written" if there else "a map"
+    print(f"\n{MAP}: {state}, guessed from names; check each line of it")
+    _print_guess(guessed)
     if pose and all(key in pose or key in undecided for key in guessed.columns):
         print("note: no name says which channel is a wheel's; if none is, this is the reference of another recording")
     if remark := Places(described).remark(guessed):
         print(f"note: {remark}")
+    if there:
+        misfit = _misfit(described, found)
+        print(following if misfit is None else f"note: {misfit}")
+        return
     todo = [f"replace each {UNDECIDED!r} by a channel"] if undecided else []
     if clock.period is not None:
         todo.append("give the time between rows, 's', as 'period', or a column as 'time'")
@@ -124,6 +118,32 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         print(f"next: edit {MAP}: {'; '.join(todo)}; then give --map {MAP}")
     else:
         print(following)
+
+
+def _print_guess(guessed: ChannelMap) -> None:
+    """Print a first map, a line for each column."""
+    for key, column in guessed.columns.items():
+        given = shortened(", ".join(column.channels))
+        known = key in column.channels or all(says_unit(name, column.unit) for name in column.channels)
+        source_of = "" if column.source == "main" else f", source {column.source!r}"
+        unit = f"{column.unit}{'' if known else ', unit guessed'}{source_of}"
+        print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
+
+
+def _misfit(robot: RobotDescription, found: Mapping[str, Found]) -> str | None:
+    """Return why the map that is there cannot be the one of a robot's recording, None where it can."""
+    try:
+        by = ChannelMap.load(MAP)
+        by.check(robot, str(MAP))
+    except InputError as error:
+        return str(error)
+    own = [column for column in by.columns.values() if by.places[column.source].file is None]
+    absent = sorted({name for column in own for name in column.channels if name not in found})
+    if not absent:
+        return None
+    return shortened(
+        f"{MAP}: does not fit this recording, which has no channel {', '.join(map(repr, absent))}", LONGEST
+    )
 
 
 def _show_reference(source: Path, clock: Clock, pose: Mapping[str, Column]) -> None:

@@ -191,6 +191,26 @@ def test_a_map_that_is_there_is_left_alone_and_the_recording_is_shown(tmp_path, 
     assert again[-1].startswith("next: castor-bench import run.csv")
 
 
+def test_a_map_of_another_recording_is_said_not_to_fit_beside_what_is_guessed(tmp_path, capsys, monkeypatch):
+    """Channels of another file are none of this recording's, and are not asked for."""
+    monkeypatch.chdir(tmp_path)
+    Path("old.csv").write_text("t,left,right\n0,1,2\n1,2,3\n")
+    Path("new.csv").write_text("t,left_ticks,right\n0,1,2\n1,2,3\n")
+    assert call(capsys, "import", "old.csv", "--robot", "differential")[0] == 0
+    by = json.loads(Path("map.json").read_text())
+    by["sources"]["tracker"] = {"file": "seen.tum"}
+    for key, name in (("ref_x", "x"), ("ref_y", "y"), ("ref_psi", "heading")):
+        by["columns"][key] = {"channel": name, "unit": "rad" if key == "ref_psi" else "m", "source": "tracker"}
+    Path("map.json").write_text(json.dumps(by))
+    code, printed, _ = call(capsys, "import", "new.csv", "--robot", "differential")
+    assert code == 0
+    assert "  wheel_1l: left_ticks (counts)" in printed.splitlines()
+    assert printed.splitlines()[-1] == "note: map.json: does not fit this recording, which has no channel 'left'"
+    assert json.loads(Path("map.json").read_text()) == by
+    code, printed, _ = call(capsys, "import", "old.csv", "--robot", "differential")
+    assert printed.splitlines()[-1].startswith("next: castor-bench import old.csv")
+
+
 def test_a_log_that_is_asked_for_without_a_map_is_said_not_to_be_made(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("t,left,right\n0,1,2\n1,2,3\n")
