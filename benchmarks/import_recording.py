@@ -111,7 +111,7 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
         misfit = _misfit(described, found)
         print(following if misfit is None else f"note: {misfit}")
         return
-    todo = [f"replace each {UNDECIDED!r} by a channel"] if undecided else []
+    todo = [f"replace each {UNDECIDED!r} by a channel or its unit"] if undecided else []
     if clock.period is not None:
         todo.append("give the time between rows, 's', as 'period', or a column as 'time'")
     if todo:
@@ -127,7 +127,9 @@ def _print_guess(guessed: ChannelMap) -> None:
         known = key in column.channels or all(says_unit(name, column.unit) for name in column.channels)
         source_of = "" if column.source == "main" else f", source {column.source!r}"
         unit = f"{column.unit}{'' if known else ', unit guessed'}{source_of}"
-        print(f"  {key}: {'undecided, choose a channel' if given == UNDECIDED else f'{given} ({unit})'}")
+        if given == UNDECIDED:
+            given = f"undecided, choose a channel{' and its unit' if column.unit == UNDECIDED else ''}"
+        print(f"  {key}: {given}{'' if column.unit == UNDECIDED else f' ({unit})'}")
 
 
 def _misfit(robot: RobotDescription, found: Mapping[str, Found]) -> str | None:

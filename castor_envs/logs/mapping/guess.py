@@ -9,7 +9,7 @@ from operator import itemgetter
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap, Column, Source
 from castor_envs.logs.mapping.places import SAID, Places, words_of
-from castor_envs.logs.mapping.said_units import angle_unit, in_degrees, length_in, rate_unit
+from castor_envs.logs.mapping.said_units import SPEED, angle_unit, in_degrees, length_in, rate_unit, says_speed
 from castor_envs.logs.mapping.units import LENGTHS
 from castor_envs.logs.recordings.recording import Clock, Found
 from castor_envs.logs.unit_words import WORDS
@@ -19,7 +19,6 @@ HEADING = {"heading", "psi", "yaw", "theta", "phi"}
 WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
 PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
 COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
-SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm", "mps", "dps", "cps"}
 RATE = SPEED | {"rate", "omega", "per", "s", "sec"}
 UNITS = {"s"}.union(*WORDS.values())
 BARE = (UNITS - WORDS["counts"]) | {"ms", "us", "ns"}
@@ -35,11 +34,6 @@ BODY = PLACED | {"vx", "vy", "vz", "dx", "dy", "dtheta", "omega"}
 _OF_POSE = re.compile(r"\.(x|y|z|heading)$")
 MOVED = SPEED | {"pos", "position", "distance", "angle"}
 ENCODER = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks"}
-
-_PER_SECOND = re.compile(
-    r"(°|deg|rad|rev|rot|tick|count|m)(s|rees|ians|ations|eters|etres)?[ _]?(/|_|per)[ _]?s(ec)?(?![a-z\d])"
-)
-"""A unit of speed in a name, such as ``deg/s``, ``m_s`` and ``ticks per sec``."""
 
 _PLACE = re.compile(r"(\d+)([lr])?$")
 """The number and the side in the name of a log's column."""
@@ -58,8 +52,10 @@ ENOUGH = 3
 
 
 def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription) -> ChannelMap:
-    """Return a map of all columns that a robot's log needs, `UNDECIDED` where no channel's name fits, and of those that
-    it may have where one does. Channels that never change are taken only where no others fit.
+    """Return a map of all columns that a robot's log needs, and of those that it may have where a channel's name fits.
+
+    Where none fits, a needed one is `UNDECIDED`, in the unit of the others of its kind if there are any. Channels that
+    never change are taken only where no others fit.
     """
     columns, free, places = LogColumns.of(robot), dict(found), Places(robot, found)
     own = {key: unit for key, unit in _log_units(columns).items() if key in free and _is_own(key, places)}
@@ -72,10 +68,13 @@ def guess_map(found: Mapping[str, Found], clock: Clock, robot: RobotDescription)
             channel = alike.get(key) or _best(key, _live(free), words, places)
             if channel == UNDECIDED:
                 channel = _best(key, free, words, places)
-            speed = bool(SPEED & words_of(channel) or _PER_SECOND.search(channel.lower()))
-            unit = angle_unit(channel, found, "/s" if speed else "", alike.values())
+            unit = angle_unit(channel, found, "/s" if says_speed(channel) else "", alike.values())
             guessed[key] = Column(channel=channel, unit=unit, scale=length_in(channel) if unit[0] == "m" else 1.0)
             free.pop(channel, None)
+        chosen = [guessed[key] for key in names if guessed[key].channel != UNDECIDED]
+        sibling = chosen[0] if chosen else Column(channel=UNDECIDED, unit=UNDECIDED)
+        undecided = [key for key in wanted if guessed[key].channel == UNDECIDED]
+        guessed |= dict.fromkeys(undecided, replace(sibling, channel=UNDECIDED))
     commanded = {key: _best(key, free, COMMANDED, places) for key in columns.command if key not in guessed}
     if commanded and UNDECIDED not in commanded.values() and len({*commanded.values()}) == len(commanded):
         guessed |= {key: Column(channel=name, unit=rate_unit(name, found)) for key, name in commanded.items()}
@@ -159,7 +158,7 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
         return 0
     if given & NEVER or (words is not COMMANDED and given & COMMANDED) or _is_gyro(name):
         return 0
-    if words is PIVOT and (given & SPEED or _PER_SECOND.search(name.lower())):  # a pivot's angle is needed
+    if words is PIVOT and says_speed(name):  # a pivot's angle is needed
         return 0
     match = _PLACE.search(key)
     number, side = (int(match[1]), match[2]) if match else (0, None)

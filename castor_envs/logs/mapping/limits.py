@@ -1,5 +1,5 @@
-"""Where a log and the robot file contradict each other: encoders that stand, turn too fast or jump, rows at another
-rate."""
+"""Where a log contradicts the robot file or the map: encoders that stand, turn too fast or jump, rows at another rate,
+speeds in a unit that is none of a speed."""
 
 import math
 from collections.abc import Iterator
@@ -10,6 +10,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
+from castor_envs.logs.mapping.said_units import says_speed
 from castor_envs.logs.mapping.units import TURN, counts_in, kind_of
 from castor_envs.vehicles.robot import Castor, RobotDescription
 
@@ -28,13 +29,14 @@ LEAST_BITS = 8
 
 def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[str]:
     """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro or fixes that it
-    lacks, encoders that stand, and jumps that no wheel and no castor makes."""
+    lacks, encoders that stand, speeds that the map takes for angles, and jumps that no wheel and no castor makes."""
     if log.fix is not None and robot.fixes is None:
         yield 'fix_x: the robot file has no "fixes", so that estimators do not use them; add them, with their noise'
     if log.gyro is not None and robot.gyro is None:
         yield 'gyro_z: the robot file has no "gyro", so that estimators do not use it; add one, with its "noise"'
     columns = LogColumns.of(robot)
     yield from _still_notes(columns, by, log)
+    yield from _speed_notes(columns, by)
     steps = np.diff(log.t)
     period = float(np.median(steps))
     paces = np.maximum(steps, period)  # messages that were held up come all at once
@@ -67,6 +69,15 @@ def _still_notes(columns: LogColumns, by: ChannelMap, log: Log) -> Iterator[str]
     for key, values in still:
         if np.ptp(values) == 0:
             yield f"{key}: {by.columns[key].channel!r} never changes: is it the right channel?"
+
+
+def _speed_notes(columns: LogColumns, by: ChannelMap) -> Iterator[str]:
+    """Yield which channels are speeds by their names, and none by the units that the map gives them."""
+    for key in (*columns.wheel, *columns.pivot, *columns.gyro):
+        column = by.columns.get(key)
+        if column is not None and kind_of(column.unit) == "position" and any(map(says_speed, column.channels)):
+            said = f"{key}: {column.channel!r} is a speed by its name, {column.unit!r} is none"
+            yield f"{said}: are channel and unit right?"
 
 
 def _usual(counts: Array, paces: Array) -> float:

@@ -8,7 +8,13 @@ from castor_envs.logs.mapping.units import LENGTHS, RATE, ROW
 from castor_envs.logs.recordings.recording import Found
 from castor_envs.logs.unit_words import WORDS
 
+SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm", "mps", "dps", "cps"}
 _ENCODER = {"enc", "encoder", "encoders"}
+
+_PER_SECOND = re.compile(
+    r"(°|deg|rad|rev|rot|tick|count|m)(s|rees|ians|ations|eters|etres)?[ _]?(/|_|per)[ _]?s(ec)?(?![a-z\d])"
+)
+"""A unit of speed in a name, such as ``deg/s``, ``m_s`` and ``ticks per sec``."""
 
 _MOTOR = re.compile(r"(?<![A-Za-z])[mM]\d")
 """A motor's name, such as ``M1``, whose letter is no unit."""
@@ -33,6 +39,11 @@ def says_unit(name: str, unit: str) -> bool:
         return True
     base = unit.removesuffix(RATE).removesuffix(ROW)
     return bool(_words(name) & WORDS.get(base, {base})) or (base == "deg" and in_degrees(name))
+
+
+def says_speed(name: str) -> bool:
+    """Return whether a channel's name says a speed, unless its message or struct is defined to hold an angle."""
+    return _defined(name) != "rad" and bool(SPEED & words_of(name) or _PER_SECOND.search(name.lower()))
 
 
 def in_degrees(name: str) -> bool:

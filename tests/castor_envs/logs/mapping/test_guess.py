@@ -273,8 +273,22 @@ def test_poses_and_motions_of_a_body_cannot_be_a_wheel_and_what_else_counts_can(
 
 
 def test_what_nothing_speaks_for_is_left_open():
-    assert guessed("differential", "s", "deg", "deg #3", "m/s")["wheel_1l"] == ("?", "rad")
-    assert guessed("differential", "a", "b") == {"wheel_1l": ("?", "rad"), "wheel_1r": ("?", "rad")}
+    assert guessed("differential", "s", "deg", "deg #3", "m/s")["wheel_1l"] == ("?", "?")
+    assert guessed("differential", "a", "b") == {"wheel_1l": ("?", "?"), "wheel_1r": ("?", "?")}
+
+
+def test_what_is_left_open_has_the_unit_of_the_others_of_its_kind():
+    found = guessed("swerve", *(f"{part}_{k}" for part in ("wheel", "steer") for k in range(3)), whole=True)
+    assert [found[key] for key in ("wheel_4", "pivot_4")] == [("?", "counts"), ("?", "counts")]
+    assert guessed("differential", "left wheel speed [rpm]", "b")["wheel_1r"] == ("?", "rpm")
+    found = {name: Found(count=10, whole=True) for name in ("left wheel [mm]", "b")}
+    column = guess_map(found, Clock("t"), preset("differential")).columns["wheel_1r"]
+    assert (column.unit, column.scale) == ("m", 0.001)
+
+
+def test_the_position_of_a_joint_is_no_speed_whatever_its_topic_is_called():
+    names = [f"/speed_controller/state position[{side}_wheel]" for side in ("left", "right")]
+    assert guessed("differential", *names)["wheel_1l"] == (names[0], "rad")
 
 
 def test_the_first_map_of_ticks_without_a_header_imports_as_it_is(tmp_path, bag_writer):

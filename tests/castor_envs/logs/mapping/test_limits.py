@@ -16,12 +16,12 @@ T = 0.02 * np.arange(501)
 COUNTS = np.round((4 * T + np.sin(T)) * PER_RADIAN)
 
 
-def notes(folder, left, t=T, **column):
-    """Return what is said of the left wheel; the right one has the counts of a drive."""
+def notes(folder, left, t=T, name="left", **column):
+    """Return what is said of the left wheel, of a channel's name; the right one has the counts of a drive."""
     rows = (",".join(map(repr, row)) for row in zip(t.tolist(), left.tolist(), COUNTS.tolist(), strict=True))
-    (folder / "run.csv").write_text("\n".join(["t,left,right", *rows]) + "\n")
+    (folder / "run.csv").write_text("\n".join([f"t,{name},right", *rows]) + "\n")
     columns = {
-        "wheel_1l": {"channel": "left", "unit": "counts"} | column,
+        "wheel_1l": {"channel": name, "unit": "counts"} | column,
         "wheel_1r": {"channel": "right", "unit": "counts"},
     }
     by = ChannelMap.from_dict({"format": "castor-map/1", "sources": {"main": {"time": "t"}}, "columns": columns})
@@ -53,6 +53,22 @@ def test_a_counter_that_wraps_is_said_and_where(tmp_path, value, column, period)
 def test_an_encoder_that_never_moves_is_said(tmp_path):
     assert notes(tmp_path, 0 * COUNTS + 7) == ["wheel_1l: 'left' never changes: is it the right channel?"]
     assert notes(tmp_path, 0 * COUNTS, unit="rad/s") == ["wheel_1l: 'left' never changes: is it the right channel?"]
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "said"),
+    [
+        ("velocity[left_drive_joint]", "rad", True),
+        ("left speed", "m", True),
+        ("velocity[left_drive_joint]", "rad/s", False),
+        ("left speed", "counts/row", False),
+        ("/speeds position[left]", "rad", False),
+        ("left", "rad", False),
+    ],
+)
+def test_a_speed_in_the_unit_of_an_angle_or_a_way_is_said(tmp_path, name, unit, said):
+    question = f"wheel_1l: {name!r} is a speed by its name, {unit!r} is none: are channel and unit right?"
+    assert (question in notes(tmp_path, COUNTS / PER_RADIAN, name=name, unit=unit)) == said
 
 
 def test_a_reset_and_a_wrong_reading_are_said_with_their_time_and_size(tmp_path):
