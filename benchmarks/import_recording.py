@@ -136,16 +136,15 @@ def _misfit(robot: RobotDescription, found: Mapping[str, Found]) -> str | None:
     """Return why the map that is there cannot be the one of a robot's recording, None where it can."""
     try:
         by = ChannelMap.load(MAP)
+        here = {key for key, place in by.places.items() if place.file is None}
+        channels = {name for column in by.columns.values() if column.source in here for name in column.channels}
+        if absent := sorted(channels - {UNDECIDED, *found}):
+            problem = f"does not fit this recording, which has no channel {', '.join(map(repr, absent))}"
+            return shortened(f"{MAP}: {problem}", LONGEST)
         by.check(robot, str(MAP))
     except InputError as error:
         return str(error)
-    own = [column for column in by.columns.values() if by.places[column.source].file is None]
-    absent = sorted({name for column in own for name in column.channels if name not in found})
-    if not absent:
-        return None
-    return shortened(
-        f"{MAP}: does not fit this recording, which has no channel {', '.join(map(repr, absent))}", LONGEST
-    )
+    return None
 
 
 def _show_reference(source: Path, clock: Clock, pose: Mapping[str, Column]) -> None:

@@ -207,6 +207,9 @@ def test_a_map_of_another_recording_is_said_not_to_fit_beside_what_is_guessed(tm
     assert "  wheel_1l: left_ticks (counts)" in printed.splitlines()
     assert printed.splitlines()[-1] == "note: map.json: does not fit this recording, which has no channel 'left'"
     assert json.loads(Path("map.json").read_text()) == by
+    Path("map.json").write_text(json.dumps(by).replace('"channel": "right"', '"channel": "?"'))
+    assert "which has no channel 'left'" in call(capsys, "import", "new.csv", "--robot", "differential")[1]
+    Path("map.json").write_text(json.dumps(by))
     code, printed, _ = call(capsys, "import", "old.csv", "--robot", "differential")
     assert printed.splitlines()[-1].startswith("next: castor-bench import old.csv")
 
