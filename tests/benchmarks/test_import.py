@@ -102,19 +102,6 @@ def test_names_in_a_recording_do_not_reach_the_terminal_as_they_are(tmp_path, ca
     assert "left_ticks?[2J" in printed
 
 
-def test_the_next_command_can_be_pasted_whatever_files_are_called(tmp_path, capsys, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    rows = [f"{k / 50},{10 * k},{12 * k}" for k in range(50)]
-    Path("run 1.csv").write_text("\n".join(["t,left_ticks,right_ticks", *rows]) + "\n")
-    _, printed, _ = call(capsys, "import", "run 1.csv", "--robot", "differential", "--out", "my log.csv")
-    program, *following = shlex.split(printed.splitlines()[-1].removeprefix("next: "))
-    assert program == "castor-bench"
-    code, printed, _ = call(capsys, *following)
-    assert code == 0
-    asked = shlex.split(printed.splitlines()[-1].removeprefix("next: "))
-    assert asked == ["castor-diagnose", "inspect", "my log.csv", "--robot", "differential"]
-
-
 def test_a_recording_is_shown_and_a_map_is_made_then_a_log(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     rows = [f"{20 * k},{10 * k},{12 * k},{k / 100},0,0" for k in range(50)]

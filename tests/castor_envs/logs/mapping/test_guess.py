@@ -66,25 +66,6 @@ def test_states_of_wpilibs_modules_are_metres_a_second_and_radians():
         assert found[f"pivot_{k + 1}"] == (f"NT:/measured[{k}].angle", "rad")
 
 
-@pytest.mark.parametrize("first", [0, 1])
-@pytest.mark.parametrize(
-    ("robot", "wheel", "pivot"),
-    [
-        ("swerve", "NT:/Drive/Module{}/DrivePositionRad", "NT:/Drive/Module{}/TurnPosition"),
-        ("swerve", "wheel_{}", "pivot_{}"),
-        ("swerve", "/can0/js position[wheel_joint_{}]", "/can0/js position[steer_joint_{}]"),
-        ("omni3", "wheel{}", None),
-    ],
-)
-def test_numbers_count_from_0_where_there_is_a_0(robot, wheel, pivot, first):
-    numbers = range(first, first + (4 if pivot else 3))
-    names = [text.format(k) for text in (wheel, pivot) if text for k in numbers]
-    found = guessed(robot, *names, "/battery1 percentage")
-    assert [found[f"wheel_{k}"][0] for k in range(1, len(numbers) + 1)] == names[: len(numbers)]
-    if pivot:
-        assert [found[f"pivot_{k}"][0] for k in range(1, len(numbers) + 1)] == names[len(numbers) :]
-
-
 SWERVE = {"front left": 1, "rear left": 2, "rear right": 3, "front right": 4}
 """The castors of the preset swerve by their places, of which two are at x > 0 and two at y > 0."""
 
