@@ -12,7 +12,7 @@ from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
 from benchmarks.show.drives import Shown
 from benchmarks.show.page import page_of
 from benchmarks.site.cases import StoredCases
-from benchmarks.site.commands import run_command, show_command
+from benchmarks.site.commands import place_note, run_command, show_command
 from benchmarks.site.compare import TaskDifference, Verdict
 from benchmarks.site.pages import made
 from benchmarks.tasks.task import Case, odometry_of
@@ -90,12 +90,13 @@ def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path) 
                     write_atomically(partial / "cases" / name, page)
                 links.append((case, signed(of, of.by_case[case]), f"cases/{name}" if page is not None else None))
             linked.append({"of": of, "difference": difference(of), "cases": links, "css": _class(of.verdict)})
-        commands = [
-            run_command(of.task.name, label, odometry_of(of.task) is not None, spec)
+        competitors = [
+            (of.task.name, label, odometry_of(of.task) is not None, spec)
             for of in found
             for label, spec in zip(of.labels, of.specs, strict=True)
             if "@" not in label
         ]
+        places = dict.fromkeys(place_note(label, of_methods, spec) for _, label, of_methods, spec in competitors)
         text = render(
             FOLDER,
             "compare.html",
@@ -103,7 +104,8 @@ def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path) 
             found=linked,
             labels=found[0].labels,
             notes_of=notes(found),
-            commands=commands,
+            commands=[run_command(*competitor) for competitor in competitors],
+            places=[place for place in places if place is not None],
             made=made(),
         )
         write_atomically(partial / "index.html", text)

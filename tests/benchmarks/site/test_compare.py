@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -104,3 +105,11 @@ def test_pages_lead_to_the_cases_that_differ_most(against, results, tmp_path):
         assert page.count('class="estimate s1"') == page.count('class="estimate s2"') == 2  # both, on both runs
     with pytest.raises(InputError, match="is there already"):
         write_comparison([found], results.folder, tmp_path / "out")
+
+
+def test_a_page_says_from_where_its_commands_name_files(against, results, tmp_path):
+    found = replace(against("worse", "good"), specs=("mine/e.py:Worse", "cast-0"))
+    write_comparison([found], results.folder, tmp_path / "out")
+    index = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
+    assert index.count("Files are named from the folder in which the run was made.") == 1
+    assert "In which folder" not in index
