@@ -55,9 +55,9 @@ def test_options_that_a_reset_does_not_know_are_refused(name):
     for options in ({}, {"minari_autoseed": False}):
         env.reset(seed=0, options=options)
         vector.reset(seed=0, options=dict(options))
-    said = r"reset has no option 'directon'; known: 'reset_mask', of vectors only; .* gymnasium\.make"
+    said = r"reset has no option 'way'; known: 'reset_mask', of vectors only; .* gymnasium\.make"
     mask = {"reset_mask": np.array([True, False])}
     for reset, known in ((env.reset, {}), (vector.reset, {}), (vector.reset, mask)):
         with pytest.raises(InputError, match=said):
-            reset(options=known | {"directon": "cw"})
+            reset(options=known | {"way": "cw"})
     vector.reset(options=mask)
