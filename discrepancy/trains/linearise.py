@@ -111,7 +111,7 @@ class Linearised:
             draws = np.random.default_rng(0).standard_normal((len(columns), DRAWS))
             ratio = equations.long_run(columns, log.prior(self.train) ** -2.0, part.astype(np.intp), draws)
             count = int(part.max()) + 1
-            squares, parts = squares + count * np.nan_to_num(ratio, nan=1.0), parts + count
+            squares, parts = squares + count * ratio, parts + count
         return np.maximum((FREEDOM + squares) / (FREEDOM + parts), 1.0)
 
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":

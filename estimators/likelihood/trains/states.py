@@ -136,14 +136,18 @@ class Equations:
         log each row is of. draws (R, D): white noise, by which the variance of white residuals is estimated.
         A score is a sum over rows, of which neighbours correlate where noise lasts, as slip on one kind of floor. The
         sums within parts that are longer than it lasts hardly do, so their squares estimate the variance (Newey and
-        West, Econometrica 55(3), 1987, with non-overlapping blocks).
+        West, Econometrica 55(3), 1987, with non-overlapping blocks). It is 1 for parameters that leave no trace.
         """
         n = len(prior)
         apart = columns - self.by_sample @ self.solved(columns)
         strength = columns.T @ apart
         strength[:n, :n] += np.diag(prior)
-        inverse = np.linalg.inv(strength)
-        seen = apart @ inverse[:, n:] / np.diag(inverse)[n:]
+        scale = np.sqrt(np.where(np.diag(strength) > 0, np.diag(strength), 1.0))
+        inverse = np.linalg.pinv(strength / np.outer(scale, scale), rcond=1e-12, hermitian=True) / np.outer(
+            scale, scale
+        )
+        shown = np.diag(inverse)[n:] > 0
+        seen = apart @ inverse[:, n:] / np.where(shown, np.diag(inverse)[n:], 1.0)
         rows = np.column_stack([self.residual, draws])
         left = rows - self.by_sample @ self.solved(rows)
         left = left - apart @ (inverse @ (apart.T @ rows))
@@ -151,7 +155,7 @@ class Equations:
         ends = np.flatnonzero(np.diff(parts[starts], prepend=parts[starts[0]] - 1))
         sums = np.add.reduceat((seen[:, :, None] * left[:, None])[starts], ends, axis=0)
         squares = np.sum(sums**2, axis=0)
-        return squares[:, 0] / np.mean(squares[:, 1:], axis=1)
+        return np.divide(squares[:, 0], np.mean(squares[:, 1:], axis=1), out=np.ones(len(shown)), where=shown)
 
     def sample_of_rows(self, block: int) -> NDArray[np.intp]:
         """Return the first sample (R,) that each row depends on; block: unknowns of a sample."""

@@ -34,3 +34,16 @@ def test_the_variance_is_that_over_long_times(lasting, expected):
     assert at.tolist() == np.repeat(np.arange(SAMPLES), 2).tolist()
     ratio = made.long_run(of_first, np.zeros(0), at // PART, random.standard_normal((2 * SAMPLES, 32)))
     assert ratio == pytest.approx([expected], rel=0.12)
+
+
+def test_parameters_without_a_trace_have_the_variance_of_white_noise():
+    """As one that a log does not show, beside one that it does."""
+    random = np.random.default_rng(3)
+    made, draws = equations(random.standard_normal((SAMPLES, 2))), random.standard_normal((2 * SAMPLES, 32))
+    columns, parts = (
+        np.column_stack([np.tile([1.0, 0.0], SAMPLES), np.zeros(2 * SAMPLES)]),
+        made.sample_of_rows(1) // PART,
+    )
+    ratio = made.long_run(columns, np.zeros(0), parts, draws)
+    assert ratio[0] == pytest.approx(made.long_run(columns[:, :1], np.zeros(0), parts, draws)[0])
+    assert ratio[1] == 1.0
