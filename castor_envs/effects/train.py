@@ -155,6 +155,37 @@ class ForeshorteningLeftOut(Effect[TrainDescription]):
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
+class FrameLength(Effect[TrainDescription]):
+    """A frame is longer by `value` (m) than its posture sensor knows; gauges stay where they are from the rear axle."""
+
+    frame: Number
+    value: Annotated[float, Field(ge=-1, le=1)]
+    name: Literal["frame_length"] = "frame_length"
+    title = "length of a frame"
+    unit = "m"
+    step = 1e-4
+    tolerance = 2e-4  # m: as frames are cut and clamped
+    check = "Measure the straight frame from axle to axle; look whether it has slipped in its clamps."
+
+    @classmethod
+    def variants(cls, train: TrainDescription) -> tuple["FrameLength", ...]:
+        """Return an instance for each frame."""
+        return tuple(cls(frame=f, value=cls.step) for f in _frames(train))
+
+    def apply(self, train: TrainDescription) -> TrainDescription:
+        """Return the train with this frame longer, its sensor as it was; raises InputError where no frame is left, or
+        none under a gauge."""
+        frame = frame_of(train, self.frame, self.name)
+        length, gauges = frame.length + self.value, frame.gauge_positions
+        if length < max(gauges[-1], 1e-3):
+            raise InputError(
+                f"effect {self.name}: frame {self.frame} of train {train.name!r} would be {length:.4g} m long; "
+                f"its last gauge is {gauges[-1]:.4g} m from the rear axle"
+            )
+        return with_frame(train, self.frame, length=length, gauges=gauges, rps_length=frame.computed_length)
+
+
+@dataclass(frozen=True, kw_only=True, config=CONFIG)
 class SensorStops(Effect[TrainDescription]):
     """From `value` seconds on, a frame's relative posture sensor repeats its last reading, whose age then grows."""
 

@@ -66,10 +66,11 @@ class Gauges:
             self.share[f, :n] = place - self.before[f, :n]
             self.gain[f, :n] = frame.gauge_gains or 1.0
             self.alive[f, [number - 1 for number in frame.dead_gauges]] = False
-            self.heading[f, :n] = _headings(frame.gauge_positions, frame.length)
+            self.heading[f, :n] = _headings(frame.gauge_positions, frame.computed_length)
         lengths = np.array([frame.length for frame in frames])
         self.piece, self.length = lengths / [frame.links for frame in frames], lengths
-        self.weights = 0.5 * lengths[:, None] * _WEIGHTS
+        self.computed_length = np.array([frame.computed_length for frame in frames])
+        self.weights = 0.5 * self.computed_length[:, None] * _WEIGHTS
         self.noise, self.offset, self.drift, self.left_out = (
             np.array([getattr(frame, name) for frame in frames])
             for name in ("gauge_noise", "gauge_offset", "gauge_drift", "foreshortening_left_out")
@@ -102,7 +103,7 @@ class Gauges:
         """Return what `sensed` does for each frame: (..., F, 3) from (..., F, G) twice, and time (...)."""
         drifted = (self.drift * time[..., None])[..., None]
         pose = self.posture(np.where(self.alive, self.gain * curvature + errors + drifted, 0.0))
-        pose[..., 0] += self.left_out * (self.length - pose[..., 0])
+        pose[..., 0] += self.left_out * (self.computed_length - pose[..., 0])
         return pose
 
 

@@ -38,7 +38,8 @@ class Frame:
     for every episode, 1/m. gauge_gains: the factor of every gauge (empty: all 1); set by effects. gauge_drift: growth
     of all readings, 1/m a second; set by effects. dead_gauges: numbers (from 1) of gauges that read 0; set by effects.
     foreshortening_left_out: share of the bent frame's shortening that the computed x lacks; set by effects. rps_stops:
-    time after which the sensor repeats its last reading, s; set by effects.
+    time after which the sensor repeats its last reading, s; set by effects. rps_length: length of the frame by which
+    the sensor computes postures, m; None: the true one; set by effects.
 
     What effects set is left at its default in descriptions.
     """
@@ -56,6 +57,8 @@ class Frame:
     dead_gauges: tuple[Annotated[int, Field(ge=1)], ...] = ()
     foreshortening_left_out: Annotated[float, Field(ge=0, le=1)] = 0.0
     rps_stops: DurationOrNone | None = None
+    # Files of trains whose sensors know the length, and so their hashes, are as they were before one could not.
+    rps_length: Annotated[float | None, Field(ge=1e-3, le=1e3, exclude_if=lambda value: value is None)] = None
 
     @property
     def gauge_positions(self) -> tuple[float, ...]:
@@ -63,6 +66,11 @@ class Frame:
         if self.gauges is not None:
             return self.gauges
         return tuple(self.length * (k + 0.5) / 4 for k in range(4))
+
+    @property
+    def computed_length(self) -> float:
+        """The length by which the sensor computes postures, m."""
+        return self.length if self.rps_length is None else self.rps_length
 
     @model_validator(mode="after")
     def _possible(self) -> Self:

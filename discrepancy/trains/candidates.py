@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from castor_envs.effects.dimensions import AllWheelRadius, Track, WheelRadius
-from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, GaugeDrift, GaugeGain
+from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, FrameLength, GaugeDrift, GaugeGain
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.train import TrainDescription
@@ -19,7 +19,7 @@ from discrepancy.posterior.linearise import COUNTS, SLIP
 from estimators.likelihood.trains.rows import ROUGH, TrainLog
 from estimators.likelihood.trains.states import Term
 
-OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, AxleSlip)
+OF_TRAINS = (GaugeGain, GaugeDrift, ForeshorteningLeftOut, FrameLength, AxleSlip)
 OF_AXLES = (Track, WheelRadius, AllWheelRadius)
 
 BLOCKS = 8

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from castor_envs.effects.train import FrameLength
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
@@ -178,7 +179,7 @@ def _columns(
         if candidate.kind is not None:
             larger, by = candidate.enlarged(train)
             real = larger.as_built()
-            changed = log.residuals(real, motion, ends)
+            changed = log.residuals(real, motion, None if isinstance(candidate.kind, FrameLength) else ends)
             changes = {kind: (changed[kind] - zero[kind]) / by for kind in zero}
             if (gauge := candidate.restored(by)) is not None:
                 at, (kind, change) = log.offset_of(*gauge, real, motion, ends, changed)

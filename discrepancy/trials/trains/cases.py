@@ -26,6 +26,7 @@ BOUNDS = {
     "gauge_gain": (0.05, 0.4),
     "gauge_drift": (0.003, 0.05),
     "foreshortening_left_out": (0.1, 1.0),
+    "frame_length": (0.001, 0.02),
     "track": (0.005, 0.05),
     "wheel_radius": (0.002, 0.02),
     "all_wheel_radius": (0.002, 0.02),

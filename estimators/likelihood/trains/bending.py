@@ -84,7 +84,7 @@ def reading(
     curved = at_ends[..., :1] * (1 - share) + at_ends[..., 1:] * share
     curved = curved + np.asarray(bowed)[..., None] * (6 * share**2 - 6 * share + 1 + raised)
     read = sensed(frame, curved, offsets, t)
-    shorter = np.sum(frame.length - posture(frame, frame.gauge_noise * np.diag(live(frame)))[:, 0])
+    shorter = np.sum(frame.computed_length - posture(frame, frame.gauge_noise * np.diag(live(frame)))[:, 0])
     read[..., 0] -= (1.0 - frame.foreshortening_left_out) * shorter
     return read
 

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.catalogue import TRAIN_EFFECTS
-from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, GaugeDrift, GaugeGain
+from castor_envs.effects.train import (
+    AxleSlip,
+    DeadGauge,
+    ForeshorteningLeftOut,
+    FrameLength,
+    GaugeDrift,
+    GaugeGain,
+)
 from castor_envs.errors import InputError
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.sensors.posture import PostureSensors, sensed
@@ -37,6 +44,7 @@ def test_the_catalogue_has_one_for_every_place():
         "gauge_drift": 2,
         "dead_gauge": 8,
         "foreshortening_left_out": 2,
+        "frame_length": 2,
         "sensor_stops": 2,
         "axle_slip": 3,
     }
@@ -49,6 +57,7 @@ def test_the_catalogue_has_one_for_every_place():
     [
         (ForeshorteningLeftOut(frame=3), "no frame 3"),
         (AxleSlip(axle=4, value=1.0), "no axle 4"),
+        (FrameLength(frame=1, value=-0.05), "would be 0.3 m long; its last gauge is 0.3062 m"),
     ],
 )
 def test_what_is_not_there_is_refused(effect, said):
@@ -66,6 +75,23 @@ def test_an_arc_without_its_shortening(share):
     assert x == pytest.approx(arc + share * (frame.length - arc), abs=1e-12)
     assert (y, phi) == pytest.approx(((1 - np.cos(k * frame.length)) / k, k * frame.length), abs=1e-12)
     assert train.frames[1] == TRAIN.frames[1]
+
+
+def test_a_longer_frame_is_read_as_the_shorter_one_that_its_sensor_knows():
+    """Bent to the same curvature k its true end is at sin(k L) / k with the longer L, and is read with the shorter."""
+    built = TRAIN.with_effects(*[FrameLength(frame=1, value=0.01)] * 2).as_built()
+    frame, usual, k = built.frames[0], TRAIN.frames[0], 1.7
+    assert (frame.length, frame.computed_length) == pytest.approx((usual.length + 0.02, usual.length))
+    assert frame.gauge_positions == usual.gauge_positions
+    read = sensed(frame, np.full(4, k), np.zeros(4), 0.0)
+    arc = [np.sin(k * usual.length) / k, (1 - np.cos(k * usual.length)) / k, k * usual.length]
+    assert read == pytest.approx(arc, abs=1e-12)
+    world = TrainWorld(TRAIN.with_effects(FrameLength(frame=1, value=0.01)))
+    assert np.diff(world.poses[:, 0]) == pytest.approx([-usual.length - 0.01, -usual.length])
+
+
+def test_a_description_without_the_length_that_a_sensor_knows_is_the_same_file_as_before():
+    assert "rps_length" not in TRAIN.to_dict()["frames"][0]
 
 
 def test_shares_of_foreshortening_add_up_to_no_more_than_all():

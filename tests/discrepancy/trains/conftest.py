@@ -7,7 +7,7 @@ import pytest
 from numpy.polynomial import Polynomial
 
 from castor_envs.effects.dimensions import AllWheelRadius, Track, WheelRadius
-from castor_envs.effects.train import ForeshorteningLeftOut, GaugeDrift, GaugeGain, GaugeNoise
+from castor_envs.effects.train import ForeshorteningLeftOut, FrameLength, GaugeDrift, GaugeGain, GaugeNoise
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import cfmmr
 
@@ -29,6 +29,7 @@ def driven(
     dead=(),
     drift=0.0,
     shortening=1.0,
+    longer=0.0,
     tracks=(1.0, 1.0),
     radii=(1.0,) * 4,
     noise=1.0,
@@ -49,7 +50,7 @@ def driven(
     grid = np.arange(-LENGTH - 0.1, front[-1] + 0.1, STEP)
     heading = np.zeros_like(grid) if straight else path(grid, seed)
     x, y = (np.concatenate([[0.0], np.cumsum(STEP * f((heading[1:] + heading[:-1]) / 2))]) for f in (np.cos, np.sin))
-    at = np.stack([front, front - LENGTH], axis=1)
+    at = np.stack([front, front - LENGTH - longer], axis=1)
     pose = np.stack([np.interp(at, grid, column) for column in (x, y, heading)], axis=-1)
 
     rolled, turned = at - at[0], pose[..., 2] - pose[0, :, 2]
@@ -95,6 +96,7 @@ HIDDEN = [
     ({"gains": (1.0, 1.0, 1.0, 0.7)}, GaugeGain(frame=1, gauge=4, value=-0.3), None),
     ({"drift": 0.02}, GaugeDrift(frame=1, value=0.02), None),
     ({"shortening": 0.3}, ForeshorteningLeftOut(frame=1, value=0.7), None),
+    ({"longer": 0.008}, FrameLength(frame=1, value=0.008), None),
     ({"tracks": (1.02, 1.0)}, Track(castor=1, value=0.02), 1),
     ({"radii": (1.0, 1.0, 1.0, 1.01)}, WheelRadius(castor=1, wheel=2, value=0.01), 2),
     ({"radii": (0.99, 0.99, 1.0, 1.0)}, AllWheelRadius(value=-0.01), 1),

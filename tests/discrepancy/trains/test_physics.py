@@ -5,7 +5,7 @@ import dataclasses
 import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
-from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, GaugeGain
+from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut, FrameLength, GaugeGain
 from castor_envs.vehicles.presets import cfmmr
 from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
@@ -63,6 +63,16 @@ def test_slip_under_one_axle_is_named():
     effect, value, error, _ = only(diagnose_train(TRAIN, [log_at_random(slippery, 7, 4.0)]))
     assert effect == AxleSlip(axle=1, value=value)
     assert abs(value - 14.0) < 3 * error
+
+
+@pytest.mark.parametrize(("longer", "drive"), [(0.008, "servo"), (-0.006, "voltage")])
+def test_the_length_of_a_frame_is_no_gain_of_its_gauges(longer, drive):
+    """Bent by the same angle a longer frame curves less, so that its gauges read as if all had a smaller gain."""
+    real = TRAIN.with_effects(FrameLength(frame=1, value=longer))
+    log, other = (log_at_random(real, seed, 5.0, drive) for seed in (20, 21))
+    effect, value, error, _ = only(diagnose_train(TRAIN, [log], [other]))
+    assert effect == FrameLength(frame=1, value=value)
+    assert abs(value - longer) < 3 * error < 0.004
 
 
 def test_several_logs_are_fitted_together():
