@@ -19,7 +19,7 @@ HEADING = {"heading", "psi", "yaw", "theta", "phi"}
 WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
 PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
 COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
-RATE = SPEED | {"rate", "omega", "per", "s", "sec"}
+RATE = SPEED | {"rate", "per", "s", "sec"}
 UNITS = {"s"}.union(*WORDS.values())
 BARE = (UNITS - WORDS["counts"]) | {"ms", "us", "ns"}
 """Words that alone, or with the number of a column, are a unit and name nothing."""

@@ -8,7 +8,7 @@ from castor_envs.logs.mapping.units import LENGTHS, RATE, ROW
 from castor_envs.logs.recordings.recording import Found
 from castor_envs.logs.unit_words import WORDS
 
-SPEED = {"velocity", "velocities", "vel", "speed", "speeds", "rpm", "mps", "dps", "cps"}
+SPEED = {"velocity", "velocities", "vel", "v", "omega", "speed", "speeds", "rpm", "mps", "dps", "cps"}
 _ENCODER = {"enc", "encoder", "encoders"}
 
 _PER_SECOND = re.compile(
@@ -69,7 +69,7 @@ def angle_unit(channel: str, found: Mapping[str, Found], per: str, alike: Iterab
         if given & words:
             return unit if unit == "rpm" else unit + per
     counts = whole and (channel in found or bool(given & _ENCODER))
-    return ("counts" if counts else "m" if given & _ENCODER else "rad") + per
+    return ("counts" if counts else "m" if given & (_ENCODER | {"v"}) else "rad") + per
 
 
 def rate_unit(name: str, found: Mapping[str, Found]) -> str:

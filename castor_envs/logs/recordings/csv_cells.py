@@ -9,12 +9,15 @@ from castor_envs.logs.table import complaint
 
 _BLANK = {"", "na", "n/a", "null", "none", "-"}
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_HALF = r"(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?"
 _DATE = re.compile(
-    r"(?:(?P<y>\d{4})(?P<by>[-/.])(?P<m>\d\d?)(?P=by)(?P<d>\d\d?)|(?P<D>\d\d?)\.(?P<M>\d\d?)\.(?P<Y>\d{4}))"
-    r"(?:[T ] *(?P<h>\d\d?)(?P<rest>:.*))?"
+    r"(?:(?P<y>\d{4})(?P<by>[-/.])(?P<m>\d\d?)(?P=by)(?P<d>\d\d?)|"
+    r"(?P<D>\d\d?)(?P<BY>[-/.])(?P<M>\d\d?)(?P=BY)(?P<Y>\d{4}))"
+    rf"(?:[T ] *(?P<h>\d\d?)(?P<rest>:.*?){_HALF})?"
 )
-_TIME_OF_DAY = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)(?:[.,](\d+))?")
+_TIME_OF_DAY = re.compile(rf"(\d{{1,3}}):([0-5]\d):([0-5]\d)(?:[.,](\d+))?{_HALF}")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+MONTHS, HALF_DAY = 12, 12
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
 """What may be a thousand, where a decimal comma needs quotes."""
 
@@ -40,14 +43,20 @@ def is_blank(cell: str) -> bool:
 def date(cell: str) -> int | None:
     """Return a date as ns since 1970, to the microsecond, UTC where it names no zone; None of any other text.
 
-    As ISO 8601 writes it, with slashes or dots for dashes, or with the day before the month between dots; without a
-    time of day it is midnight. Slashes with the year last are none: people differ about the month's place.
+    As ISO 8601 writes it, with slashes or dots for dashes, or with the year last: then the day is before the month, or
+    behind it where it can be no month (see `says_no_order`). Without a time of day it is midnight.
     """
     found = _DATE.fullmatch(cell)
     if found is None:
         return None
     year, month, day = (found[part] or found[part.upper()] for part in "ymd")
-    hour = f"T{found['h']:0>2}{found['rest'].replace('UTC', 'Z').replace(' ', '')}" if found["h"] else ""
+    if found["BY"] in ("/", "-") and int(month) > MONTHS:
+        month, day = day, month
+    hour = ""
+    if found["h"]:
+        if (of_day := _hour(found["h"], found["half"])) is None:
+            return None
+        hour = f"T{of_day:02}{found['rest'].replace('UTC', 'Z').replace(' ', '')}"
     try:
         read = datetime.fromisoformat(f"{year}-{month:0>2}-{day:0>2}{hour}")
     except ValueError:
@@ -56,12 +65,26 @@ def date(cell: str) -> int | None:
 
 
 def time_of_day(cell: str) -> int | None:
-    """Return a time such as ``12:00:01.5`` as ns since midnight; None of any other text."""
+    """Return a time such as ``12:00:01.5`` or ``12:00:01 AM`` as ns since midnight; None of any other text."""
     found = _TIME_OF_DAY.fullmatch(cell)
-    if found is None:
+    if found is None or (hours := _hour(found[1], found["half"])) is None:
         return None
-    hours, minutes, seconds, part = found.groups(default="0")
-    return ((int(hours) * 60 + int(minutes)) * 60 + int(seconds)) * 10**9 + int(f"{part:0<9.9}")
+    return ((hours * 60 + int(found[2])) * 60 + int(found[3])) * 10**9 + int(f"{found[4] or '0':0<9.9}")
+
+
+def _hour(number: str, half: str | None) -> int | None:
+    """Return the hour from midnight of an hour's number, in a half of the day (a, p) or in none; None if there is no
+    such hour."""
+    hour = int(number)
+    if half is None:
+        return hour
+    return hour % HALF_DAY + HALF_DAY * (half in "Pp") if 1 <= hour <= HALF_DAY else None
+
+
+def says_no_order(cell: str) -> bool:
+    """Return whether a cell is a date, with no dots, of which nothing says whether day or month comes first."""
+    found = _DATE.fullmatch(cell)
+    return found is not None and found["BY"] in ("/", "-") and max(int(found["D"]), int(found["M"])) <= MONTHS
 
 
 def moment(cell: str) -> float | None:

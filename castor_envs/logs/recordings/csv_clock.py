@@ -54,7 +54,7 @@ def clock_of(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Clock:
     It is the sum of whole seconds and of the nanoseconds beside them; or else the first column that is called like a
     time, or holds dates or times of day, and goes ahead; of none, the only one that always increases, or of several the
     only one with a unit of time in its name; then a column called like a time that does not go ahead; or else one row a
-    second, and so it is where a column called like a time holds text such as ``12:00:01 PM``. Of times of day beside
+    second, and so it is where a column called like a time holds text such as ``12h00m01``. Of times of day beside
     dates it is both.
     """
     for sec, nanosec in _pairs(names):

@@ -12,7 +12,7 @@ import itertools
 from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 
-from castor_envs.logs.recordings.csv_cells import cells_of, is_blank, is_number, value_of
+from castor_envs.logs.recordings.csv_cells import cells_of, is_blank, is_number, says_no_order, value_of
 from castor_envs.logs.recordings.csv_clock import RowTimes, clock_of
 from castor_envs.logs.recordings.csv_layout import head_of, layout_of
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat
@@ -45,7 +45,12 @@ class Table:
 
     def clock(self) -> Clock:
         """Return the clock, see `clock_of`."""
-        return clock_of(self._names, [line.cells for line in itertools.islice(self._lines(), 1000)])
+        rows = [line.cells for line in itertools.islice(self._lines(), 1000)]
+        clock = clock_of(self._names, rows)
+        for name, cell in zip(self._names, rows[0] if rows else (), strict=False):
+            if clock.time is not None and name in clock.time and says_no_order(cell):
+                self._say(f"dates such as {cell!r} are read with the day before the month; past midnight that matters")
+        return clock
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
@@ -86,6 +91,11 @@ class Table:
             elif name not in seen and name != f"#{k}":
                 yield name, "blank in all rows"
 
+    def _say(self, what: str) -> None:
+        """Add a note about the file, once."""
+        if (said := f"{self._path.name}: {what}") not in self.notes:
+            self.notes.append(said)
+
     def _lines(self) -> Iterator[Line]:
         for k, text in numbered_lines(self._path, self.notes):
             if k <= self._header or not text.strip() or is_comment(text):
@@ -93,6 +103,9 @@ class Table:
             cells = cells_of(self._path, k, text, self._delimiter, self._decimal_comma)
             if len(cells) == len(self._names) + 1 and not cells[-1]:  # a delimiter at the end
                 cells.pop()
+            if len(cells) < len(self._names) and not text.endswith(("\n", "\r")):
+                self._say(f"line {k}, the last, is cut off, and left out")
+                break
             if len(cells) != len(self._names):
                 problem = f"has {len(cells)} cells, the header {len(self._names)}; mend or remove the line"
                 raise complaint(self._path, k, None, problem)

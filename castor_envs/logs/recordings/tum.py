@@ -4,11 +4,14 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from castor_envs.logs.recordings.csv_cells import is_number
-from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of, nanoseconds
+from castor_envs.logs.recordings.recording import UNITS, Clock, Reading, RecordingFormat, heading_of, nanoseconds
 from castor_envs.logs.recordings.text_lines import first_row, is_comment, numbered_lines
 from castor_envs.logs.table import complaint, number
 
 COLUMNS = ("t", "x", "y", "z", "qx", "qy", "qz", "qw")
+
+LATEST = 1e20
+"""ns since 1970, in the year 5138: a larger number is a time in a smaller unit."""
 
 
 def rows_of(path: Path, names: tuple[str, ...]) -> Iterator[tuple[int, list[float]]]:
@@ -39,8 +42,11 @@ class TumText:
         self.left_out: dict[str, str] = {}
 
     def clock(self) -> Clock:
-        """Return the clock of the file."""
-        return Clock()
+        """Return the clock of the file: in s, or in the smaller unit in which its first time is no later than `LATEST`
+        since 1970."""
+        times = (t for _, (t, *_) in rows_of(self._path, COLUMNS))
+        first = abs(next(times, 0.0))
+        return Clock(unit=next((unit for unit in UNITS if first * UNITS[unit] <= LATEST), "s"))
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""

@@ -41,12 +41,19 @@ def guessed(robot, *channels, whole=False):
         ("left_cps", "right_cps", "counts/s"),
         ("left_mps", "right_mps", "m/s"),
         ("M1 encoder left", "M2 encoder right", "counts"),
+        ("v_left", "v_right", "m/s"),
+        ("omega_left", "omega_right", "rad/s"),
     ],
 )
 def test_wheels_are_found_by_their_side(left, right, unit):
     others = ("/joint_states effort[left_wheel]", "left_motor_current", "cmd_left", "battery", "/odom pose.pose.x")
     found = guessed("differential", right, left, *others, whole=unit == "counts")
     assert (found["wheel_1l"], found["wheel_1r"]) == ((left, unit), (right, unit))
+
+
+def test_a_bodys_velocity_is_no_wheels():
+    found = guessed("differential", "t", "v", "omega", "v_x", "v_y", whole=False)
+    assert found["wheel_1l"][0] == found["wheel_1r"][0] == "?"
 
 
 def test_millimetres_of_a_wheel_are_metres_by_the_scale():

@@ -218,15 +218,16 @@ def test_times_of_day_go_on_past_each_midnight_and_a_late_row_stays_late(tmp_pat
 
 
 def test_what_is_no_time_of_day_and_no_date_is_text_and_what_increases_beside_it_no_clock(tmp_path):
-    """Dates with slashes and the year last have their month first or second, by country."""
     odd = (
         "12:60:0{}",
         "12:0{}",
-        "05/01/2024 12:00:0{}",
         "2024/13/01 12:00:0{}",
+        "13/14/2024 12:00:0{}",
         "3{}.04.2024 x",
         "1.2.{}",
-        "12:00:0{} PM",
+        "13:00:0{} PM",
+        "0:00:0{} am",
+        "2024-05-01 13:00:0{} PM",
     )
     for cell in odd:
         path = written(tmp_path, "stamp,left\n" + "".join(f"{cell.format(k)},{3 * k}\n" for k in range(1, 5)))
@@ -234,6 +235,51 @@ def test_what_is_no_time_of_day_and_no_date_is_text_and_what_increases_beside_it
         assert survey(open_recording(path), Clock(period=1.0)).keys() == {"left"}
     path = written(tmp_path, "time source,Zeit\n" + "".join(f"GPS,{0.1 * k}\n" for k in range(5)))
     assert open_recording(path).clock() == Clock("Zeit")
+
+
+@pytest.mark.parametrize(
+    ("cells", "starts"),
+    [
+        (("12:59:59 PM", "1:00:00 pm", "01:00:01.5 p.m."), 12 * 3600 + 3599),
+        (("12:00:00 AM", "12:00:01AM", "12:00:02.5 a.m."), 0),
+        (("2024-05-01 12:59:59 PM", "2024-05-01 01:00:00 PM", "2024-05-01 1:00:01.5 PM"), 1714568399),
+        (("05/14/2024 11:59:59 PM", "05/15/2024 12:00:00 AM", "05/15/2024 12:00:01.5 AM"), 1715731199),
+        (("14/05/2024 23:59:59", "15/05/2024 00:00:00", "15/05/2024 00:00:01.5"), 1715731199),
+        (("31-05-2024 23:59:59", "01-06-2024 00:00:00", "1-6-2024 00:00:01.5"), 1717199999),
+        (("31.05.2024 23:59:59", "01.06.2024 00:00:00", "1.6.2024 00:00:01.5"), 1717199999),
+    ],
+)
+def test_times_by_halves_of_the_day_and_dates_with_the_year_last(tmp_path, cells, starts):
+    """Unix times by `date -u -d`."""
+    path = written(tmp_path, "stamp,left\n" + "".join(f"{cell},{k}\n" for k, cell in enumerate(cells)))
+    assert [t for t, _ in read(path, "left", open_recording(path).clock())] == [starts, starts + 1, starts + 2.5]
+    assert open_recording(path).notes == []
+
+
+def test_a_date_that_does_not_say_what_is_its_month_has_a_note(tmp_path):
+    path = written(tmp_path, "stamp,built,left\n05/06/2024 10:00:00,1/1/2024,1\n05/06/2024 10:00:01,1/1/2024,2\n")
+    recording = open_recording(path)
+    assert recording.clock() == recording.clock() == Clock("stamp")
+    (note,) = recording.notes
+    assert "'05/06/2024 10:00:00' are read with the day before the month" in note
+
+
+def test_a_last_line_that_is_cut_off_is_left_out_with_a_note(tmp_path):
+    path = written(tmp_path, "t,left,right\n0,1,1\n1,2,2\n2,")
+    recording = open_recording(path)
+    assert survey(recording, Clock("t"))["left"].count == 2
+    assert recording.notes == ["run.csv: line 4, the last, is cut off, and left out"]
+    with pytest.raises(InputError, match=":4: has 2 cells"):
+        survey(open_recording(written(tmp_path, "t,left,right\n0,1,1\n1,2,2\n2,\n")), Clock("t"))
+
+
+@pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
+def test_times_of_tum_text_since_1970_are_in_the_unit_that_makes_them_near(tmp_path, unit):
+    times = [round((1_700_000_000 + k) * {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[unit]) for k in range(3)]
+    path = tmp_path / "track.tum"
+    path.write_text("".join(f"{t} 1 2 0 0 0 0 1\n" for t in times))
+    assert open_recording(path).clock() == Clock(unit=unit)
+    assert [t for t, _ in read(path, "x", Clock(unit=unit))] == [1.7e9, 1.7e9 + 1, 1.7e9 + 2]
 
 
 @pytest.mark.parametrize(
