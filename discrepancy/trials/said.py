@@ -38,12 +38,13 @@ Size = dict[str, Any]
 @dataclass(frozen=True)
 class Single:
     """The answer on one effect. probabilities: of classes, and of unnamed alternatives (None). size: None where it is
-    not known."""
+    not known. same: classes that are said to be the same on this vehicle, whatever it does."""
 
     verdict: Verdict
     probabilities: Mapping[str | None, float]
     credible: tuple[str | None, ...]
     size: Size | None = None
+    same: tuple[str, ...] = ()
 
     @classmethod
     def of(cls, answer: Answer, class_named: Callable[[str], str | None], size: Size | None) -> "Single":
@@ -53,7 +54,9 @@ class Single:
             if name != "nothing":
                 known = class_named(name)
                 probabilities[known] = probabilities.get(known, 0.0) + probability
-        return cls(answer.verdict, probabilities, tuple(dict.fromkeys(map(class_named, answer.credible))), size)
+        credible = tuple(dict.fromkeys(map(class_named, answer.credible)))
+        same = tuple(name for name in map(class_named, answer.alike) if name is not None)
+        return cls(answer.verdict, probabilities, credible, size, same)
 
 
 def size_of(name: str, effect: Effect, answer: Answer, cost: float | None) -> Size:
@@ -70,7 +73,8 @@ class Said:
 
     verdict: of the whole. named: the classes with verdict "named", each with its probability. credible: the 95 %
     credible sets, without unnamed alternatives. unnamed: whether a set contains an unnamed alternative. probabilities:
-    of every possible class. sizes: of what is named. effects: those added to the vehicle. gap: see `run`.
+    of every possible class. same_as: of classes in credible sets those that are told to be the same on this vehicle.
+    sizes: of what is named. effects: those added to the vehicle. gap: see `run`.
     """
 
     verdict: str
@@ -78,6 +82,7 @@ class Said:
     credible: tuple[tuple[str, ...], ...] = ()
     unnamed: bool = False
     probabilities: Mapping[str, float] = field(default_factory=dict)
+    same_as: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     sizes: tuple[Size, ...] = ()
     effects: tuple[Effect, ...] = ()
     reason: str = ""
@@ -100,6 +105,13 @@ class Said:
             tuple(tuple(name for name in single.credible if name is not None) for single in singles),
             any(None in single.credible for single in singles),
             {name: 1.0 - part for name, part in absent.items()},
+            {
+                name: single.same
+                for single in singles
+                if single.same
+                for name in single.credible[:1]
+                if name is not None
+            },
             sizes,
             tuple(size["effect"] for size in sizes),
             reason,

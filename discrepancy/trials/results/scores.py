@@ -1,9 +1,9 @@
 """Scores of a trial: how often the finder is right, and whether its probabilities are calibrated.
 
 Every rate is a count with its 95 % Wilson interval, over all cases, over those of each preset, and over those with and
-without clean logs and reference. Effects that no log can distinguish count as the same class. Probabilities are
-calibrated if of names with probability p a part p is right: the reliability diagram shows this, and the expected
-calibration error is the mean deviation from it.
+without clean logs and reference. Effects that no log can distinguish count as the same class, and so do effects that
+the finder says are the same on the vehicle. Probabilities are calibrated if of names with probability p a part p is
+right: the reliability diagram shows this, and the expected calibration error is the mean deviation from it.
 """
 
 import math
@@ -55,10 +55,14 @@ class Trial:
 
     @property
     def alike(self) -> dict[str, str]:
-        """Classes that this log cannot distinguish from a hidden effect, each with the class of that effect."""
+        """Classes that this log cannot distinguish from a hidden effect, or that the finder says are the same on this
+        vehicle, each with the class of that effect."""
         log: dict[str, Any] = self.label["log"] or {"z_sep": [], "nearest": []}
         hidden_effects = zip(self.label["hidden"], log["z_sep"], log["nearest"], strict=False)  # wiring has no strength
-        return {nearest: hidden["class"] for hidden, z_sep, nearest in hidden_effects if z_sep < ALIKE and nearest}
+        alike = {nearest: hidden["class"] for hidden, z_sep, nearest in hidden_effects if z_sep < ALIKE and nearest}
+        same_as: dict[str, list[str]] = self.outcome.get("same_as", {})
+        told = {name: other for name, same in same_as.items() if name not in self.truth for other in same}
+        return alike | {name: other for name, other in told.items() if other in self.truth}
 
     @property
     def named(self) -> frozenset[str]:

@@ -1,5 +1,6 @@
 """What the finder says, in one form: classes, probabilities, credible sets and sizes."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -50,6 +51,12 @@ def test_a_single_name_is_sure_and_has_a_size():
     (size,) = said.sizes
     assert (size["low"], size["high"]) == pytest.approx((1e-3 - COVERAGE * 1e-5, 1e-3 + COVERAGE * 1e-5))
     assert said.effects == (TRACK,)
+
+
+def test_what_is_the_same_on_this_robot_is_said_with_the_name():
+    sure = dataclasses.replace(answer({"track 1": 1.0}, ("track 1",), TRACK), alike=("wheel_radius 1 2", "drift"))
+    assert posterior_says(sure).same_as == {"track 1": ("wheel_radius 1 2",)}
+    assert posterior_says(answer({"track 1": 1.0}, ("track 1",), TRACK)).same_as == {}
 
 
 def test_several_names_or_none_are_not_sure():

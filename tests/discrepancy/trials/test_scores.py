@@ -72,6 +72,16 @@ def test_a_name_that_no_log_tells_from_what_was_hidden_is_right():
     assert (other.exact(), other.among(), other.wrong(), other.reported()) == (False, False, True, [(1.0, False)])
 
 
+def test_a_name_that_is_said_to_be_the_same_as_what_was_hidden_is_right():
+    same = {"pivot_position_x 1": ["pivot_position_x 2"]}
+    told = trial("one", ["pivot_position_x 2"], ["pivot_position_x 1"], same_as=same)
+    assert (told.exact(), told.among(), told.wrong(), told.reported()) == (True, True, False, [(1.0, True)])
+    other = trial("one", ["pivot_position_x 3"], ["pivot_position_x 1"], same_as=same)
+    assert (other.exact(), other.among(), other.wrong(), other.reported()) == (False, False, True, [(1.0, False)])
+    itself = trial("one", ["pivot_position_x 1"], ["pivot_position_x 1"], same_as=same)
+    assert (itself.exact(), itself.wrong()) == (True, False)
+
+
 def test_any_word_on_a_clean_log_is_an_alarm_but_what_is_negligible():
     clean = [
         trial("clean"),
