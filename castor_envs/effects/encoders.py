@@ -24,7 +24,7 @@ from castor_envs.vehicles.effect import Effect, Number, SensorModel, ThereOrNot
 from castor_envs.vehicles.robot import RobotDescription
 
 Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
-Direction = Literal["forward", "backward"]
+Direction = Literal["forward", "backward", "both"]
 Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 QUARTERS = (0.0, math.pi / 2)  # sines of these two phases add up to a sine of any phase
 CLEAR = 1e-6  # part of a count by which angles at a limit keep clear of it: sums of counts are rounded
@@ -178,8 +178,8 @@ class PivotBacklash(Effect[RobotDescription]):
 class TickLoss(Effect[RobotDescription]):
     """A wheel's encoder loses the fraction `value` of what the wheel turns in samples faster than `above` (rad/s).
 
-    Only while it turns in one `direction`, forward being the castor's rolling direction. The speed is the mean over a
-    sample.
+    Only while it turns in one `direction`, forward being the castor's rolling direction, or in both. The speed is the
+    mean over a sample.
     """
 
     name: Literal["tick_loss"] = "tick_loss"
@@ -198,9 +198,10 @@ class TickLoss(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["TickLoss", ...]:
-        """Return an instance for each wheel with an encoder and each direction, above a quarter of its top speed."""
+        """Return an instance for each wheel with an encoder and each direction, and both, above a quarter of its top
+        speed."""
         above = robot.max_wheel_speed / 4
-        ways: tuple[Direction, ...] = ("forward", "backward")
+        ways: tuple[Direction, ...] = ("forward", "backward", "both")
         return tuple(
             cls(castor=i, wheel=j, value=cls.step, above=above, direction=way)
             for i, j in wheel_encoders(robot)
@@ -209,7 +210,8 @@ class TickLoss(Effect[RobotDescription]):
 
     def where(self) -> tuple[str, ...]:
         """Return the wheel, the way it turns, and how fast."""
-        return (*super().where(), f"{self.direction}, above {self.above:.3g} rad/s")
+        way = "either way" if self.direction == "both" else self.direction
+        return (*super().where(), f"{way}, above {self.above:.3g} rad/s")
 
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that leaves out what was lost so far."""
@@ -217,8 +219,13 @@ class TickLoss(Effect[RobotDescription]):
 
     def _lost(self, durations: Array, turned: Array) -> Array:
         """Return the angles (k, 1), rad, that are lost of those turned (k, 1) in samples of durations (k,), s."""
-        sign = 1.0 if self.direction == "forward" else -1.0
-        return np.where(sign * turned > self.above * durations[:, None], self.value * turned, 0.0)
+        return np.where(self._way(turned) * turned > self.above * durations[:, None], self.value * turned, 0.0)
+
+    def _way(self, turned: Array) -> Array | float:
+        """Return 1 or -1, by which angles (...,) that wheels turn are positive where counts may be lost."""
+        if self.direction == "both":
+            return np.where(turned < 0, -1.0, 1.0)
+        return 1.0 if self.direction == "forward" else -1.0
 
     def turned(self, durations: Array, read: Array, likely: Array, count: float) -> Array:
         """Return the angles (k,), rad, that the wheel turns in samples in which its encoder reads `read` (k,), rad.
@@ -227,7 +234,7 @@ class TickLoss(Effect[RobotDescription]):
         durations (k,): of the samples, s. count: angle of one count, rad, by less than which rounding changes what is
         read.
         """
-        way = 1.0 if self.direction == "forward" else -1.0
+        way = self._way(read)
         kept, limit = way * read, self.above * durations
         full = kept / (1 - self.value)
         nearer = np.abs(way * likely - full) < np.abs(way * likely - kept)

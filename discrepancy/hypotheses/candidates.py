@@ -219,7 +219,7 @@ def signatures_of(
     def slipping(candidate: Candidate, slips: SparseColumns) -> tuple[Candidate, SparseColumns, SparseColumns]:
         return candidate, SparseColumns((*counts.shape, candidate.columns)), slips
 
-    for candidate in [*candidates_of(robot), *places] if among is None else among:
+    for candidate in dict.fromkeys([*candidates_of(robot), *places]) if among is None else among:
         kind, in_robot = candidate.kinds[0], any(candidate.is_of(effect) for effect in robot.effects)
         if isinstance(kind, PivotEccentricity) and swept[kind.castor - 1] < SWEPT and not in_robot:
             continue

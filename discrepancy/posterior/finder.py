@@ -42,7 +42,7 @@ from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
-from discrepancy.posterior.variances.lost import lossy_encoders
+from discrepancy.posterior.variances.lost import advantage, lossy_above, lossy_encoders
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, verdict_of
 from discrepancy.validation.cost import WAY
@@ -153,7 +153,7 @@ class _Search:
         self.creep = None if good is None else good.creep
         self.places = () if good is None else _at_places(good)
         self.events, self.released, self.curve = Events(), Released(), None
-        self.lossy, self.curve_sought = frozenset[str](), False
+        self.lossy, self.curve_sought, self.timed = frozenset[str](), False, set[frozenset[str]]()
         self.doubted = set[tuple[frozenset[str], frozenset[str]]]()
         self.slid = _of_contacts(robot) if any(log.undone for log in logs) else frozenset[str]()
         self.plain = linearise(robot, logs, creep=self.creep, places=self.places)
@@ -191,8 +191,8 @@ class _Search:
 
     def afresh(self) -> Linearised:
         """Return the statistics beside the effects to begin with, the states fitted from the readings."""
-        changed = with_effects(self.base, self.begin)
-        return self.linearised(changed, places=self.places)
+        known = (effect.candidate for effect in self.begin if isinstance(effect.candidate, Candidate))
+        return self.linearised(with_effects(self.base, self.begin), places=tuple(dict.fromkeys((*self.places, *known))))
 
     def look(self, named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
         """Return the statistics beside effects; see `refit.Look`."""
@@ -247,7 +247,21 @@ class _Search:
             self.lossy |= families_of(lossy)
             if better := self.likelier(lossy):
                 return better[0]
-        return None
+        in_model = families_of(self.named)
+        if in_model in self.timed:
+            return None
+        self.timed.add(in_model)
+
+        def look(effects: Sequence[Sized], among: Sequence[Cause]) -> Linearised | None:
+            return fit_with(self.base, lambda *_: self.look(effects, self.seen, among), tuple(effects), self.seen)
+
+        effects = lossy_above(self.robot, self.logs, self.named, look, self.odds)
+        if effects is None:
+            return None
+        as_it_is = self.look(self.named, self.seen, self.among)  # its states may not have converged either
+        best = max(self.seen.log_evidence, as_it_is.log_evidence) + advantage(effects, self.named, self.odds)
+        fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, best)
+        return fitted if beside.log_evidence > best else None
 
     def lossy_encoders(self, besides: Collection[str] = ()) -> list[Sized]:
         """Return the loss of counts that the logs show best beside the effects in the model, if they show one; besides:

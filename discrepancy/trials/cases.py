@@ -57,6 +57,10 @@ BOUNDS: dict[Measure, tuple[float, float]] = {"cost": (3e-4, 1.0), "z": (5.0, 60
 CLEAN_LOGS = {"own": 0.5, "foreign": 0.8}
 """Part of the cases with clean logs."""
 
+LOST_ABOVE = (0.1, 0.5)
+"""Bounds of the speed above which counts are lost, as a part of the largest; wheels of slow robots may not reach it:
+then there is no effect, and others are drawn."""
+
 UNTRACKED = 0.5
 """Part of the cases without a reference, of robots that need none."""
 
@@ -152,7 +156,7 @@ def _in_turn(choices: Sequence[Any], number: int, seed: int, stream: int) -> Any
 
 
 def _drawn(robot: RobotDescription, random: np.random.Generator, count: int, wiring: bool) -> list[Hidden]:
-    """Draw effects of different classes, each by its name, then its place, its phase and its sign."""
+    """Draw effects of different classes, each by its name, then its place, its phase or speed, and its sign."""
     named: dict[str, list[Effect]] = {}
     for effect in catalogue(robot):
         if effect.name not in FITTED_ANYWAY and effect.wiring == wiring:
@@ -163,6 +167,9 @@ def _drawn(robot: RobotDescription, random: np.random.Generator, count: int, wir
         effect = variants[random.integers(len(variants))]
         if hasattr(effect, "phase"):
             effect = dataclasses.replace(effect, **{"phase": float(random.uniform(-math.pi, math.pi))})
+        if effect.name == "tick_loss":
+            above = float(random.uniform(*LOST_ABOVE)) * robot.max_wheel_speed
+            effect = dataclasses.replace(effect, **{"above": above})
         if effect.name == "sample_jitter":
             effect = dataclasses.replace(effect, **{"seed": int(random.integers(2**31))})
         if random.random() < 0.5 and effect.name not in ONE_WAY:

@@ -1,27 +1,48 @@
-"""Counts that a wheel's encoder loses at speed, where no linear signature shows it.
+"""Counts that a wheel's encoder loses at speed, where the candidates of the catalogue do not show it.
 
-The fitted wheel follows its encoder, so that it seems too slow to lose any. How far it rolls by the other wheels, or,
-where these do not tell, by the reference, is compared with what it turns if its encoder loses a part; the part with
-which both agree best is where the whole model is fitted from.
+Of a large loss no linear signature does: the fitted wheel follows its encoder, so that it seems too slow to lose any.
+How far it rolls by the other wheels, or, where these do not tell, by the reference, is compared with what it turns if
+its encoder loses a part; the part with which both agree best is where the whole model is fitted from.
+
+From which speed on counts are lost, nobody knows beforehand. Beside the effects in the model, and with each of them
+left out, losses above several speeds are compared by their signatures; the speed of the best is refined by fits.
 """
 
-from collections.abc import Collection, Sequence
+import math
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
+from operator import itemgetter
 
 import numpy as np
 
 from castor_envs.effects.encoders import TickLoss
+from castor_envs.effects.parts import channel
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, described
 from discrepancy.measurement.fit_states import wheel_readings
+from discrepancy.posterior.answers import Cause
+from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.model.refit import Sized
-from discrepancy.posterior.priors import bounds_of
+from discrepancy.posterior.priors import bounds_of, directions_in_model
+from discrepancy.posterior.random_effects import summed
 from estimators.likelihood.channels import Channels
 
 PARTS = np.arange(1, 21) / 20
 """Losses that are tried, as parts of the largest."""
+
+SPEEDS = np.arange(1, 8) / 8
+"""Speeds from which on counts may be lost, as parts of the wheel's fastest."""
+
+FASTEST = 99.0
+"""Percentile of a wheel's speeds that counts as its fastest, as single readings may be wrong."""
+
+HALVINGS = 3
+"""How often the distance to the speeds beside the best one is halved."""
+
+Look = Callable[[Sequence[Sized], Sequence[Cause]], Linearised | None]
+"""Returns the statistics of logs with effects in the model, of these candidates; None where they do not fit."""
 
 
 def lossy_encoders(
@@ -49,3 +70,84 @@ def lossy_encoders(
         if (likelier := count / 2 * float(np.log(before / after[best]))) > least:
             found, least = [Sized(candidate, sizes[best : best + 1])], likelier
     return found
+
+
+def lossy_above(
+    robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], look: Look, odds: float
+) -> tuple[Sized, ...] | None:
+    """Return the effects in the model (`named`), or all but one of them, with the loss of a wheel's encoder above the
+    speed with which logs are likeliest; None if none makes them likelier than `advantage` asks by the linear formula.
+
+    robot: without effects. odds: prior log odds of an effect.
+    """
+    apart, best, found = dict(_at_speeds(robot, logs)), 0.0, None
+    seen = look(named, [*apart, *(effect.candidate for effect in named)])
+    if seen is None:
+        return None
+    for candidate, step in apart.items():
+        for left_out in (None, *range(len(named))):
+            proposed, gain = _proposed(candidate, named, left_out, seen)
+            if gain > advantage(proposed, named, odds) + best and proposed[-1].size > 0:
+                best, found = gain - advantage(proposed, named, odds), (proposed, step)
+    return None if found is None else _refined(*found, look)
+
+
+def advantage(effects: Sequence[Sized], named: Sequence[Sized], odds: float) -> float:
+    """Return the log-likelihood ratio from which on effects, a loss above a speed that was chosen among them, are
+    likelier than those in the model (`named`) by the ratio of a credible set. odds: prior log odds of an effect."""
+    return LOG_ODDS + math.log(len(SPEEDS)) - (len(effects) - len(named)) * odds
+
+
+def _at_speeds(robot: RobotDescription, logs: Sequence[Log]) -> Iterator[tuple[Candidate, float]]:
+    """Yield losses of each wheel above each of `SPEEDS`, and how far these are apart, rad/s."""
+    for kind in TickLoss.variants(robot):
+        k = channel(robot, kind.castor, kind.wheel, kind.name)
+        per_count = 2 * np.pi / float(robot.wheels[k].counts_per_rev or 1)
+        speeds = [np.abs(np.diff(log.wheel[:, k])) * per_count / np.diff(log.t) for log in logs]
+        fastest = float(np.percentile(np.concatenate(speeds), FASTEST))
+        for part in SPEEDS.tolist():
+            effect = replace(kind, above=round(part * fastest, 3))
+            yield Candidate(described(effect), (effect,)), fastest * float(SPEEDS[0])
+
+
+def _proposed(
+    candidate: Candidate, named: Sequence[Sized], left_out: int | None, seen: Linearised
+) -> tuple[tuple[Sized, ...], float]:
+    """Return effects in the model without one of them, and a candidate, in the sizes that make logs the likeliest by
+    the linear formula, and by how much."""
+    shown = [(k, effect) for k, effect in enumerate(named) if effect.candidate in seen.candidates]
+    if candidate not in seen.candidates:
+        return (*named, Sized(candidate, np.zeros(1))), 0.0
+    causes = [*(effect.candidate for _, effect in shown), candidate]
+    information, score = summed(seen.logs).of_combinations(directions_in_model(seen, causes))
+    each = np.split(np.arange(len(score)), np.cumsum([len(effect.amplitudes) for _, effect in shown]))
+    change, free = np.zeros(len(score)), np.ones(len(score), dtype=bool)
+    for (k, effect), at in zip(shown, each, strict=False):
+        if k == left_out:
+            change[at], free[at] = -effect.amplitudes, False
+    left = score - information @ change
+    change[free] = np.linalg.lstsq(information[np.ix_(free, free)], left[free], rcond=1e-9)[0]
+    moved = {k: effect.moved(change[at]) for (k, effect), at in zip(shown, each, strict=False)}
+    kept = [moved.get(k, effect) for k, effect in enumerate(named) if k != left_out]
+    loss = Sized(candidate, np.zeros(1)).moved(change[-1:])
+    return (*kept, loss), float(score @ change - change @ information @ change / 2)
+
+
+def _refined(effects: tuple[Sized, ...], apart: float, look: Look) -> tuple[Sized, ...]:
+    """Return effects of which the last is a loss above one of several speeds that are so far apart (rad/s), with the
+    speed with which fits are the likeliest."""
+    *kept, loss = effects
+    (kind,) = loss.candidate.kinds
+    assert isinstance(kind, TickLoss)
+
+    def above(speed: float) -> tuple[float, float, tuple[Sized, ...]]:
+        effect = replace(kind, above=round(speed, 3))
+        proposed = *kept, replace(loss, candidate=Candidate(described(effect), (effect,)))
+        seen = look(proposed, [])
+        return -math.inf if seen is None else seen.log_evidence, speed, proposed
+
+    best, step = above(kind.above), apart / 2
+    for _ in range(HALVINGS):
+        best = max(best, above(best[1] - step), above(best[1] + step), key=itemgetter(0))
+        step /= 2
+    return best[2]

@@ -467,15 +467,15 @@ def test_a_gain_scales_theta():
     np.testing.assert_allclose(seen(PivotGain(castor=2, value=0.01), T, 0.0, angle)[1][:, 1], 1.01 * angle)
 
 
-@pytest.mark.parametrize("direction", ["forward", "backward"])
-def test_ticks_are_lost_only_at_speed_and_only_one_way(direction):
-    """Slow and fast forward, slow and fast back, 2.5 s each: one of the fast ways loses 10 %."""
+@pytest.mark.parametrize("direction", ["forward", "backward", "both"])
+def test_ticks_are_lost_only_at_speed_and_that_way(direction):
+    """Slow and fast forward, slow and fast back, 2.5 s each: one of the fast ways, or both, loses 10 %."""
     speed = np.repeat([2.0, 8.0, -2.0, -8.0], 50)
     angle = np.concatenate([[0.0], np.cumsum(speed * 0.05)])
     t = np.arange(len(angle)) * 0.05
     effect = TickLoss(castor=1, wheel=2, value=0.1, above=5.0, direction=direction)
     lost = angle - seen(effect, t, angle)[0][:, 1]
-    expected = {"forward": [0, 2.0, 2.0, 2.0], "backward": [0, 0, 0, -2.0]}[direction]
+    expected = {"forward": [0, 2.0, 2.0, 2.0], "backward": [0, 0, 0, -2.0], "both": [0, 2.0, 2.0, 0.0]}[direction]
     np.testing.assert_allclose(lost[[50, 100, 150, 200]], expected, atol=1e-9)
 
 
