@@ -141,11 +141,7 @@ def _gyro(robot: RobotDescription, log: Log) -> dict[str, Any] | None:
     check = gyro_against_wheels(robot, log)
     if check is None:
         return None
-    numbers = {
-        "scale": check.scale,
-        "bias": check.bias,
-        "follows": check.follows,
-    }
+    numbers = {"scale": check.scale, "bias": check.bias, "follows": check.follows}
     return numbers | {"verdict": check.verdict}
 
 

@@ -25,16 +25,7 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import Asked, asked, by_formula, most_explaining, named_together
-from discrepancy.posterior.model.refit import (
-    S,
-    Sized,
-    V,
-    families_of,
-    fit_with,
-    refitted,
-    sizes_of,
-    with_effects,
-)
+from discrepancy.posterior.model.refit import S, Sized, V, families_of, fit_with, refitted, sizes_of, with_effects
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
 from discrepancy.posterior.there_before import in_good_order, there_before

@@ -86,11 +86,7 @@ def dimension_data(dimension: Dimension) -> Data:
 
 def drive_data(drive: SeparatingDrive) -> Data:
     """Return a drive as plain data."""
-    return {
-        "drive": drive.what,
-        "expected_log_bayes_factor": drive.expected,
-        "duration_s": drive.trajectory.duration,
-    }
+    return {"drive": drive.what, "expected_log_bayes_factor": drive.expected, "duration_s": drive.trajectory.duration}
 
 
 def _curve(learned: Learned) -> Data:

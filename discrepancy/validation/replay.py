@@ -350,11 +350,7 @@ on to the next window."""
 
 
 def _runs(
-    robot: RobotDescription,
-    measured: _Measured,
-    drive: Drive,
-    windows: list[_Window],
-    known: Sequence[_Run | None],
+    robot: RobotDescription, measured: _Measured, drive: Drive, windows: list[_Window], known: Sequence[_Run | None]
 ) -> Iterator[_Run]:
     """Yield the run of each window; those `known` already are not simulated unless the one before was, from which they
     go on."""

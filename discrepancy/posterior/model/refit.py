@@ -99,12 +99,7 @@ def in_place_of(effect: Sized, rival: Cause, seen: Seen) -> Sized:
 
 
 def refitted(
-    vehicle: Any,
-    look: Look[S],
-    before: Sequence[Sized],
-    named: Sequence[Sized],
-    seen: S,
-    threshold: float = -np.inf,
+    vehicle: Any, look: Look[S], before: Sequence[Sized], named: Sequence[Sized], seen: S, threshold: float = -np.inf
 ) -> tuple[tuple[Sized, ...], S]:
     """Return effects of maximum-likelihood size, and the statistics beside them, of their candidates only.
 

@@ -172,12 +172,7 @@ def friction_at(patches: tuple[Patch, ...], place: list[float]) -> float | None:
 
 
 def read(
-    run: Run,
-    robot: RobotDescription,
-    *,
-    outside: Outside | None = None,
-    rounded: bool = True,
-    noise: Noise = USUAL,
+    run: Run, robot: RobotDescription, *, outside: Outside | None = None, rounded: bool = True, noise: Noise = USUAL
 ) -> Log:
     """Return a run's log as the encoders of a robot report it, with its effects on sensors, time and counts.
 
