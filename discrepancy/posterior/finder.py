@@ -29,11 +29,10 @@ from discrepancy.posterior.model.refit import S, Sized, V, families_of, fit_with
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
 from discrepancy.posterior.there_before import in_good_order, there_before
+from discrepancy.posterior.variances.encoders import late_encoders, lossy_encoders
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
-from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
-from discrepancy.posterior.variances.lost import lossy_encoders
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, verdict_of
 from discrepancy.validation.cost import WAY

@@ -9,7 +9,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.variances.at_times import Faulty
-from discrepancy.posterior.variances.late import late_encoders
+from discrepancy.posterior.variances.encoders import late_encoders
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("swerve")

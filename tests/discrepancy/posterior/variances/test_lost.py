@@ -14,7 +14,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of, signatures_of
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
-from discrepancy.posterior.variances.lost import lossy_encoders
+from discrepancy.posterior.variances.encoders import lossy_encoders
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("omni3")
