@@ -1,13 +1,12 @@
 """A diagnosis by posterior as plain data."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue
-from castor_envs.logs.log import Log
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
@@ -15,13 +14,13 @@ from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.model.dimensions import Dimension
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
+from discrepancy.preflight.undo import Logs
 from estimators.calibration.identifiability import COVERAGE
 
 FORMAT = "castor-diagnosis/2"
 
 Data = dict[str, Any]
 Pair = tuple[Any, Any]
-Logs = Mapping[str, Log]
 
 
 def as_data(
