@@ -139,10 +139,8 @@ def _parity(robot: RobotDescription, log: Log) -> dict[str, Any]:
 def _gyro(robot: RobotDescription, log: Log) -> dict[str, Any] | None:
     """Return the gyro against the wheels; null where nothing can be said (`gyro_against_wheels`)."""
     check = gyro_against_wheels(robot, log)
-    if check is None:
-        return None
-    numbers = {"scale": check.scale, "bias": check.bias, "follows": check.follows}
-    return numbers | {"verdict": check.verdict}
+    keys = "scale", "bias", "follows", "verdict"
+    return None if check is None else {key: getattr(check, key) for key in keys}
 
 
 def _verdict(robot: RobotDescription, parity: Parity, ratio: float) -> str:

@@ -162,7 +162,6 @@ class Signatures:
     read too much per unit, of `slips` (K - 1, w + n, R), m per unit that wheels roll and castors move to their side,
     and of `rates` (R,), rate of the reference's clock, `sways` (R,), by how much its poses are off in proportion to the
     tracked point's acceleration, s2, and `gyro_scales` (R,), part by which the gyro reads too much, per unit.
-    places: which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
@@ -173,7 +172,6 @@ class Signatures:
     rates: Array
     sways: Array
     gyro_scales: Array
-    places: tuple[int, ...]
 
 
 def signatures_of(
@@ -260,7 +258,6 @@ def signatures_of(
         np.array([_per_unit(rate_of, candidate) for candidate in of_columns]),
         np.array([float(candidate == SWAYING) for candidate in of_columns]),
         np.array([_per_unit(gyro_scale_of, candidate) for candidate in of_columns]),
-        tuple(k for k, candidate in enumerate(of_columns) if candidate.at_a_place),
     )
 
 

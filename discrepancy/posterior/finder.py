@@ -191,10 +191,6 @@ class _Search:
         only = None if among is None else [candidate for candidate in among if isinstance(candidate, Candidate)]
         return self.linearised(with_effects(self.base, named), start=start, among=only, places=extra)
 
-    def depends(self, changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
-        """Return the statistics of these candidates with a changed robot; see `learned.Look`."""
-        return self.linearised(changed, start=self.seen, among=among)
-
     def linearised(self, robot: RobotDescription, **options: Any) -> Linearised:
         """Return the statistics of the logs as made by a robot; options: of `linearise`."""
         at = {"creep": self.creep, "released": self.released, "jitter": self.jitter}
@@ -290,7 +286,11 @@ class _Search:
         if not channels:
             return None
         self.curve_sought, found = True, self.found
-        curve = learned(found, self.logs, self.seen, channels, self.depends)
+
+        def look(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
+            return self.linearised(changed, start=self.seen, among=among)
+
+        curve = learned(found, self.logs, self.seen, channels, look)
         if curve is None or (self.held_out and not helps(found, curve, self.held_out, self.creep)):
             return None
         self.curve, self.base = curve, self.robot.with_effects(curve.effect)

@@ -55,7 +55,7 @@ def as_data(
 
 def answer_data(answer: Answer) -> Data:
     """Return an answer as plain data; of an effect of a train's module, with its axle (from 1)."""
-    effect = answer.effect
+    effect, axle = answer.effect, getattr(answer.candidate, "axle", None)
     sized = effect is not None and not effect.binary
     return {
         "verdict": answer.verdict,
@@ -65,7 +65,7 @@ def answer_data(answer: Answer) -> Data:
         "probabilities": {name: min(part, 1.0) for name, part in answer.probabilities.items()},
         "credible_set": list(answer.credible),
         "same_as": list(answer.alike),
-        "effect": None if effect is None else asdict(effect) | _axle(answer),
+        "effect": None if effect is None else asdict(effect) | ({} if axle is None else {"axle": axle}),
         "size": answer.size,
         "unit": effect.unit if effect is not None and sized else None,
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
@@ -102,11 +102,6 @@ def _curve(learned: Learned) -> Data:
         "high": (values + COVERAGE * error).tolist(),
         "nearest": nearest,
     }
-
-
-def _axle(answer: Answer) -> Data:
-    axle = getattr(answer.candidate, "axle", None)
-    return {} if axle is None else {"axle": axle}
 
 
 def _mistake(mistake: Mistake) -> Data:
