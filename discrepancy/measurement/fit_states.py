@@ -69,7 +69,7 @@ def fit_states(
         new, left = creep.predicted(slips, logs), left - 1
         creep = new
         if expected is not None:
-            change = _change(models, geometry, at, least, expected, new.expect(new.columns, new.factors))
+            change = new.change(expected, geometry, at, least)
             if np.sqrt(np.mean(change**2)) < SETTLED:
                 left = 0
             if last is not None:
@@ -144,6 +144,15 @@ class _Creep:
         for model, log_expected, log_doubt in zip(self.models, expected, self.doubt, strict=True):
             model.expect(log_expected, log_doubt)
         return expected
+
+    def change(self, before: Sequence[Array], geometry: Geometry, at: State, noise: Noise) -> Array:
+        """Return by how much expected slips differ from those before, in standard deviations of slip noise."""
+        expected = self.expect(self.columns, self.factors)
+        changes = [
+            model.in_deviations(now - then, geometry, state, noise)
+            for model, then, now, state in zip(self.models, before, expected, at.states, strict=True)
+        ]
+        return np.concatenate([log.ravel() for log in changes])
 
     def disagreement(
         self, geometry: Geometry, changed: Geometry, change: Array, states: Sequence[Array]
@@ -246,19 +255,3 @@ def _column(robot: RobotDescription, channels: Channels, effect: TickLoss) -> in
     """Return the column of a wheel's encoder."""
     k = channel(robot, effect.castor, effect.wheel, effect.name)
     return len(channels.sensed) + int(np.searchsorted(channels.driven, k))
-
-
-def _change(
-    models: Sequence[LogLikelihood],
-    geometry: Geometry,
-    at: State,
-    noise: Noise,
-    before: Sequence[Array],
-    expected: Sequence[Array],
-) -> Array:
-    """Return the changes of expected slips, in standard deviations of slip noise."""
-    changes = [
-        model.in_deviations(now - then, geometry, state, noise)
-        for model, then, now, state in zip(models, before, expected, at.states, strict=True)
-    ]
-    return np.concatenate([log.ravel() for log in changes])

@@ -139,11 +139,18 @@ class Linearised:
         return self if noise == self.noise else self.at_noise(noise)
 
     def at_noise(self, noise: Noise) -> "Linearised":
-        """Return the statistics at a given noise."""
-        logs, log_evidence = _statistics_of(
-            self.designs, self.disagreements, self.pulls, self.shared, noise, self.candidates, self.columns
-        )
-        return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
+        """Return the statistics at a given noise: in each log 0 of candidates without a column in it."""
+        place, count = dict(zip(self.candidates, self.columns, strict=True)), len(self.usual)
+        logs, log_evidence = [], 0.0
+        for design, disagreement, pull in zip(self.designs, self.disagreements, self.pulls, strict=True):
+            indices = numbers_of(design.candidates, place)
+            statistics, log_likelihood = _of_sizes(design, disagreement.statistics(), pull, self.shared, noise)
+            at = np.append(indices, indices + count)
+            information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
+            information[np.ix_(at, at)], score[at] = statistics
+            logs.append(Statistics(information, score))
+            log_evidence += log_likelihood
+        return replace(self, noise=noise, logs=tuple(logs), log_evidence=log_evidence)
 
 
 def linearise(
@@ -228,18 +235,17 @@ def linearise(
         model.errors(geometry, clock, at.mount, log_predicted) if model.poses else np.zeros((0, 3))
         for model, clock, log_predicted in zip(models, at.clocks, predicted, strict=True)
     )
-    statistics, log_evidence = _statistics_of(designs, disagreements, pulls, shared, noise, candidates, columns)
     built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
     return Linearised(
         candidates=candidates,
         columns=columns,
-        logs=statistics,
+        logs=(),
         usual=usual,
         cost=np.sqrt(np.mean(np.square(costs), axis=0)),
         state=at,
         noise=noise,
         creep=float(shared.creep[0]),
-        log_evidence=log_evidence,
+        log_evidence=0.0,
         errors=errors,
         designs=tuple(designs),
         shared=shared,
@@ -247,7 +253,7 @@ def linearise(
         pulls=pulls,
         slips=beyond,
         lasting=np.sort(np.array([place[candidate][0] for candidate in built], dtype=np.intp)),
-    )
+    ).at_noise(noise)
 
 
 def _rates(robot: RobotDescription, models: Sequence[LogLikelihood], at: State, own_clocks: bool) -> list[float | None]:
@@ -261,30 +267,6 @@ def _rates(robot: RobotDescription, models: Sequence[LogLikelihood], at: State, 
     mean = skew if own_clocks else float(np.mean(at.clocks[timed, 1])) if any(timed) else 0.0
     rates = skew + (at.clocks[:, 1] - mean if skew else np.zeros(len(models)))
     return [rate if known else None for rate, known in zip(rates.tolist(), timed, strict=True)]
-
-
-def _statistics_of(
-    designs: Sequence[DesignMatrix],
-    disagreements: Sequence[Disagreement],
-    pulls: Sequence[Pull],
-    shared: SharedNuisances,
-    noise: Noise,
-    candidates: Sequence[Candidate],
-    columns: Sequence[NDArray[np.intp]],
-) -> tuple[tuple[Statistics, ...], float]:
-    """Return information and score of all candidates in each log at a given noise, 0 of those without a column in it;
-    and the log evidence (`Linearised`)."""
-    place, by_log, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
-    count = sum(candidate.columns for candidate in candidates)
-    for design, disagreement, pull in zip(designs, disagreements, pulls, strict=True):
-        indices = numbers_of(design.candidates, place)
-        statistics, log_likelihood = _of_sizes(design, disagreement.statistics(), pull, shared, noise)
-        at = np.append(indices, indices + count)
-        information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-        information[np.ix_(at, at)], score[at] = statistics
-        by_log.append(Statistics(information, score))
-        log_evidence += log_likelihood
-    return tuple(by_log), log_evidence
 
 
 def _of_sizes(
