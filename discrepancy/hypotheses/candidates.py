@@ -349,12 +349,8 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
 
     for k in robot.driven_wheels:
         i = robot.wheel_castors[k]
-        place, rolled, turn, theta = (
-            f"wheel_{robot.wheel_names[k]}",
-            paths[:, k],
-            wheel_angle[:, k],
-            motion.half_way[:, i],
-        )
+        place, rolled, turn = f"wheel_{robot.wheel_names[k]}", paths[:, k], wheel_angle[:, k]
+        theta = motion.half_way[:, i]
         behaviour = "slips where its castor turns, once a turn"
         yield alone(behaviour, place, k, swept[:, i] * np.sin(turn), swept[:, i] * np.cos(turn))
         for times in (1, 2) if np.ptp(theta) >= SWEPT else ():

@@ -28,7 +28,7 @@ from discrepancy.posterior.model.named_together import Asked, asked, by_formula,
 from discrepancy.posterior.model.refit import S, Sized, V, families_of, fit_with, refitted, sizes_of, with_effects
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
-from discrepancy.posterior.there_before import in_good_order, there_before
+from discrepancy.posterior.there_before import in_good_order
 from discrepancy.posterior.variances.encoders import late_encoders, lossy_encoders
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -380,7 +380,12 @@ def _confirmed(
     every = [*search.answers, *beside]
     clean_gap = None if search.good is None else search.good.gap
     answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes, clean_gap)
-    answers = tuple(there_before(answer) if answer.candidate.family in as_before else answer for answer in answers)
+    answers = tuple(
+        replace(answer, verdict="negligible", reason=f"the clean logs show {answer.candidate.what} as large")
+        if answer.candidate.family in as_before
+        else answer
+        for answer in answers
+    )
     pair = None
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()

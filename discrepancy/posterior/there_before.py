@@ -1,13 +1,11 @@
 """Effects that clean logs show as large as the others do: no fault, but how the robot is in good order."""
 
-import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.refit import Sized, families_of, fit_with, with_effects
@@ -37,9 +35,3 @@ def in_good_order(
     if len(sized) > 1 and shown(sized):
         return families_of(sized)
     return families_of([effect for effect in sized if shown([effect])])
-
-
-def there_before(answer: Answer) -> Answer:
-    """Return the answer on an effect that clean logs show as large."""
-    reason = f"the clean logs show {answer.candidate.what} as large"
-    return dataclasses.replace(answer, verdict="negligible", reason=reason)

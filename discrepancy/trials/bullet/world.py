@@ -70,10 +70,8 @@ class World:
         bullet.changeDynamics(ground, -1, lateralFriction=1.0, **at)  # Bullet multiplies it with the wheels'
         self._center = np.array([*robot.center_of_mass, HEIGHT * parts.height])
         larger = max(geometry.radius[link.wheel] - link.place[2] for link in parts.links if link.wheel is not None)
-        self._place, self._turn = (
-            np.array([0.0, 0.0, larger + CLEARANCE]) + self._center,
-            np.array([0.0, 0.0, 0.0, 1.0]),
-        )
+        self._place = np.array([0.0, 0.0, larger + CLEARANCE]) + self._center
+        self._turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._body, self._usual = self._made(parts), robot.contact.friction
 
         hinged = [(j, link) for j, link in enumerate(parts.links) if link.axis is not None]
