@@ -176,7 +176,7 @@ class StrengthMetric:
         return self._residuals(self._windows(self._geometry, log), log)
 
     def _windows(self, geometry: Geometry, log: Log, slip: Slip | None = None) -> Windows:
-        return Windows.of(geometry, log.wheel, log.pivot, self._layout.q, slip)
+        return Windows(geometry, log.wheel, log.pivot, self._layout.q, slip)
 
     def _residuals(self, windows: Windows, log: Log) -> Array:
         """Return parity in the frame of the metric's run, window by window, then steps."""
