@@ -20,7 +20,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.bullet.model import SKID_SINKING, Parts, bullet_module, parts_of
+from discrepancy.trials.bullet.model import SKID_SINKING, Parts, bullet_module
 from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Simulator, friction_at
 from discrepancy.trials.foreign.standing import DROOP, STEERING_DROOP, TILTING, damping_of
 from discrepancy.trials.hidden import Outside
@@ -49,7 +49,7 @@ class World:
     """
 
     def __init__(self, robot: RobotDescription, floor: Floor, step: float, outside: Outside | None = None) -> None:
-        parts = parts_of(robot, floor, step)
+        parts = Parts(robot, floor, step)
         if outside is not None:
             outside.build(parts)
         geometry, bullet = parts.geometry, bullet_module()
