@@ -11,7 +11,7 @@ from discrepancy.posterior.finder import Diagnosis, diagnose, unexamined
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake
-from discrepancy.preflight.undo import Logs, Undone, undo
+from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined, Fit, Replays
 from discrepancy.validation.replay import Replay, joined, replay
 
@@ -23,7 +23,7 @@ def posterior_of(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> tuple[tuple[Mistake, ...], RobotDiagnosis]:
     """Return the gross mistakes in logs, and what logs without these say by `posterior.finder.diagnose`."""
-    undone = undo(robot, logs, held_out, clean)
+    undone = Undone(robot, logs, held_out, clean)
     return undone.checked.mistakes, diagnosed(undone, material)
 
 
@@ -35,7 +35,7 @@ def examine(
 
     Residuals with the named effects are those of the robot file that is written, linearised afresh from the logs.
     """
-    undone = undo(robot, logs, held_out, clean)
+    undone = Undone(robot, logs, held_out, clean)
     return examined(undone, diagnosed(undone, material))
 
 

@@ -16,7 +16,7 @@ from discrepancy.hypotheses.candidates import family_of
 from discrepancy.posterior.answers import Answer, Verdict
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
-from discrepancy.preflight.undo import Logs, undo
+from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined
 from discrepancy.report.sentences import as_lines
 from discrepancy.trials.hidden import class_of
@@ -105,7 +105,7 @@ class Said:
 
 def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
     """Return the finder's answer for a robot, its logs, held-out logs and clean logs, by their names."""
-    undone = undo(robot, logs, held_out, clean)
+    undone = Undone(robot, logs, held_out, clean)
     diagnosis = diagnosed(undone)
     report(examined(undone, diagnosis))
     return in_classes(robot, logs, undone.checked.mistakes, diagnosis.answers)

@@ -130,20 +130,6 @@ class Replay:
         }
 
 
-class _Measured(NamedTuple):
-    """A log on an even clock. t (K,). true (K, w + n): angles of wheels and castors, as estimated from the encoders,
-    rad, unwrapped; read: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering (K, driven
-    castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
-
-    t: Array
-    true: Array
-    read: Array
-    twist: Array
-    command: Array | None
-    steering: Array | None
-    unbroken: NDArray[np.bool_]
-
-
 class _Window(NamedTuple):
     """start, end: s. first, last (3,): poses of the body at both by the reference, NaN where one is unknown."""
 
@@ -175,8 +161,8 @@ def replay(
     if window <= 0:
         raise ValueError(f"a window lasts more than 0 s, got {window}")
     window = min(window, float(log.t[-1] - log.t[0]) / 2)
-    measured = _measured_in(robot, log)
-    drive, notes = _drive(robot, measured)
+    measured = _Measured(robot, log)
+    drive, notes = measured.drive(robot)
     windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
     if not windows:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
@@ -215,47 +201,6 @@ def joined(replays: Sequence[Replay]) -> Replay:
     )
 
 
-def _drive(robot: RobotDescription, measured: _Measured) -> tuple[Drive, list[str]]:
-    """Return how to drive, and notes about it."""
-    if measured.command is None:
-        return "counts", ["the log has no commands: wheels turn as their encoders counted"]
-    if robot.driven_castors and measured.steering is None:
-        return "commands", ["the log has no steering commands: steering motors follow the pivots' counts"]
-    return "commands", []
-
-
-def _measured_in(robot: RobotDescription, log: Log) -> _Measured:
-    """Return a log of a robot with its effects on an even clock; raises InputError for castors without an encoder."""
-    described, geometry, w = Geometry.of(robot.as_described()), Geometry.of(robot.as_built()), len(robot.wheels)
-    blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
-    if blind.size:
-        raise InputError(f"castor {blind[0] + 1} turns but has no pivot encoder: where it starts is not measured")
-    period = float(np.median(np.diff(log.t)))
-    t = log.t[0] + period * np.arange(int((log.t[-1] - log.t[0]) / period + 1e-3) + 1)
-    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
-    seen = np.column_stack([np.zeros((len(log), w)), np.unwrap(castor_angles(described, log.pivot), axis=0)])
-    seen[:, driven] = log.wheel * (2 * np.pi / described.counts_per_rev[driven])
-    read = np.column_stack([np.interp(t, log.t, column) for column in seen.T])
-    read[:, w:][:, sensed] -= 2 * np.pi * np.round(read[0, w:][sensed] / (2 * np.pi))  # within half a turn of 0
-
-    # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated at
-    # the smoothed angles.
-    sensing = _Sensing(robot)
-    plain = true = sensing.undone(t, read)
-    for _ in range(2):
-        about = _smooth(true)
-        true = plain - (sensing.undone(t, sensing.read(t, about)) - about)
-    rates = np.gradient(_smooth(true), t, axis=0)
-    twist = forward(geometry, true[:, w:], rates[:, w:], rates[:, :w])
-    before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
-    command, steering = (
-        None if part is None or not np.isfinite(part).any() else part[before]
-        for part in (log.command, log.steering_command if len(robot.driven_castors) else None)
-    )
-    unbroken = np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period
-    return _Measured(t, true, read, twist, command, steering, unbroken)
-
-
 def _smooth(angle: Array) -> Array:
     from scipy.signal import savgol_filter  # slow to import
 
@@ -285,6 +230,51 @@ class _Sensing:
             if effect.wiring:  # done twice, it is undone
                 wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
         return np.column_stack([wheel, castor])
+
+
+class _Measured:
+    """A log on an even clock. t (K,). true (K, w + n): angles of wheels and castors, as estimated from the encoders,
+    rad, unwrapped; read: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering (K, driven
+    castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
+
+    def __init__(self, robot: RobotDescription, log: Log) -> None:
+        """robot: with its effects. Raise InputError for castors without an encoder."""
+        described, geometry, w = Geometry.of(robot.as_described()), Geometry.of(robot.as_built()), len(robot.wheels)
+        blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
+        if blind.size:
+            raise InputError(f"castor {blind[0] + 1} turns but has no pivot encoder: where it starts is not measured")
+        period = float(np.median(np.diff(log.t)))
+        t = log.t[0] + period * np.arange(int((log.t[-1] - log.t[0]) / period + 1e-3) + 1)
+        driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+        seen = np.column_stack([np.zeros((len(log), w)), np.unwrap(castor_angles(described, log.pivot), axis=0)])
+        seen[:, driven] = log.wheel * (2 * np.pi / described.counts_per_rev[driven])
+        read = np.column_stack([np.interp(t, log.t, column) for column in seen.T])
+        read[:, w:][:, sensed] -= 2 * np.pi * np.round(read[0, w:][sensed] / (2 * np.pi))  # within half a turn of 0
+
+        # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated
+        # at the smoothed angles.
+        sensing = _Sensing(robot)
+        plain = true = sensing.undone(t, read)
+        for _ in range(2):
+            about = _smooth(true)
+            true = plain - (sensing.undone(t, sensing.read(t, about)) - about)
+        rates = np.gradient(_smooth(true), t, axis=0)
+        self.twist = forward(geometry, true[:, w:], rates[:, w:], rates[:, :w])
+        before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
+        self.command, self.steering = (
+            None if part is None or not np.isfinite(part).any() else part[before]
+            for part in (log.command, log.steering_command if len(robot.driven_castors) else None)
+        )
+        self.unbroken = np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period
+        self.t, self.true, self.read = t, true, read
+
+    def drive(self, robot: RobotDescription) -> tuple[Drive, list[str]]:
+        """Return how to drive a robot, and notes about it."""
+        if self.command is None:
+            return "counts", ["the log has no commands: wheels turn as their encoders counted"]
+        if robot.driven_castors and self.steering is None:
+            return "commands", ["the log has no steering commands: steering motors follow the pivots' counts"]
+        return "commands", []
 
 
 def _windows(
