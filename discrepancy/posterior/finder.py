@@ -20,15 +20,14 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, encoder_of, without
 from discrepancy.posterior.answers import Answer, Cause, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
-from discrepancy.posterior.in_phase import in_phase
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import Asked, asked, by_formula, most_explaining, named_together
 from discrepancy.posterior.model.refit import S, Sized, V, families_of, fit_with, refitted, sizes_of, with_effects
+from discrepancy.posterior.other_logs import in_good_order, in_phase
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
-from discrepancy.posterior.there_before import in_good_order
 from discrepancy.posterior.variances.encoders import late_encoders, lossy_encoders
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
@@ -46,7 +45,7 @@ class Diagnosis(Generic[V, S]):
     before, after: the logs linearised without and with the named effects and learned curves; held_out: both for
     held-out logs. inclusion: probability of every name to be among the missing effects. creep: factor of predicted
     creep under forces in clean logs, if there are any; clean_gap: gap of these. in_phase: held-out logs,
-    whose wheels are turned at the start as those of the logs are (`in_phase.in_phase`).
+    whose wheels are turned at the start as those of the logs are (`other_logs.in_phase`).
     """
 
     robot: V
