@@ -202,8 +202,9 @@ def linearise(
     columns = columns_of(candidates)
     place = dict(zip(candidates, columns, strict=True))
     count = sum(candidate.columns for candidate in candidates)
-    usual, costs = np.full(count, np.nan), []
-    for model, design, state, clock in zip(models, designs, at.states, at.clocks, strict=True):
+    usual, costs, disagreements, pulls, errors = np.full(count, np.nan), [], [], [], []
+    for design, log, slipping, slipped, steps in zip(designs, logs, slips, predicted, released, strict=True):
+        model, state, clock, changes = design.model, design.state, design.clock, design.changes
         indices = numbers_of(design.candidates, place)
         of_readings = indices[len(design.steps) :]
         unnamed = np.array([not cause.kinds for cause in design.candidates for _ in range(cause.columns)], dtype=bool)
@@ -215,26 +216,16 @@ def linearise(
             if candidate.kinds and isinstance(backlash := candidate.kinds[0], PivotBacklash):
                 one_count = 2 * np.pi / geometry.pivot_counts_per_rev[backlash.castor - 1]
                 usual[place[candidate]] = np.hypot(backlash.tolerance, one_count * ROUNDED)
-        cost, changes = np.zeros((2, count)), design.changes
-        missing = (model.missing(changes, steps) for steps in blocks(len(state) - 1))
-        cost[:, indices] = cost_of_sizes(missing, state[:, :3])
+        cost = np.zeros((2, count))
+        cost[:, indices] = cost_of_sizes((model.missing(changes, of) for of in blocks(len(state) - 1)), state[:, :3])
         cost[:, of_readings] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         if np.any(design.sways):
             cost[0, of_readings] += model.acceleration(state, clock, at.mount) * design.sways
         cost[1, of_readings] += 2 * np.pi * np.abs(design.gyro_scales)  # of a heading by the gyro
         costs.append(cost)
-    disagreements = tuple(
-        Disagreement.of(design.model, design.changes, log.t, slipping.disagreement, steps)
-        for design, log, slipping, steps in zip(designs, logs, slips, released, strict=True)
-    )
-    pulls = tuple(
-        pull_of(robot, log, Channels(robot).motion(log, state), design.candidates)
-        for design, log, state in zip(designs, logs, at.states, strict=True)
-    )
-    errors = tuple(
-        model.errors(geometry, clock, at.mount, log_predicted) if model.poses else np.zeros((0, 3))
-        for model, clock, log_predicted in zip(models, at.clocks, predicted, strict=True)
-    )
+        disagreements.append(Disagreement.of(model, changes, log.t, slipping.disagreement, steps))
+        pulls.append(pull_of(robot, log, Channels(robot).motion(log, state), design.candidates))
+        errors.append(model.errors(geometry, clock, at.mount, slipped) if model.poses else np.zeros((0, 3)))
     built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
     return Linearised(
         candidates=candidates,
@@ -246,11 +237,11 @@ def linearise(
         noise=noise,
         creep=float(shared.creep[0]),
         log_evidence=0.0,
-        errors=errors,
+        errors=tuple(errors),
         designs=tuple(designs),
         shared=shared,
-        disagreements=disagreements,
-        pulls=pulls,
+        disagreements=tuple(disagreements),
+        pulls=tuple(pulls),
         slips=beyond,
         lasting=np.sort(np.array([place[candidate][0] for candidate in built], dtype=np.intp)),
     ).at_noise(noise)
