@@ -7,15 +7,13 @@ from castor_envs.errors import InputError
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.discriminating_drive import separating_drives
 from discrepancy.hypotheses.candidates import without
-from discrepancy.posterior.finder import Diagnosis, diagnose, unexamined
+from discrepancy.posterior.finder import RobotDiagnosis, diagnose, unexamined
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake
 from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined, Fit, Replays
 from discrepancy.validation.replay import Replay, joined, replay
-
-RobotDiagnosis = Diagnosis[RobotDescription, Linearised]
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other

@@ -24,7 +24,17 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import Asked, asked, by_formula, most_explaining, named_together
-from discrepancy.posterior.model.refit import S, Sized, V, families_of, fit_with, refitted, sizes_of, with_effects
+from discrepancy.posterior.model.refit import (
+    Effects,
+    S,
+    Sized,
+    V,
+    families_of,
+    fit_with,
+    refitted,
+    sizes_of,
+    with_effects,
+)
 from discrepancy.posterior.other_logs import in_good_order, in_phase
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
@@ -78,6 +88,9 @@ class Diagnosis(Generic[V, S]):
         return [*(effect for effect in named if effect.candidate not in together), *together.values()]
 
 
+RobotDiagnosis = Diagnosis[RobotDescription, Linearised]
+
+
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def diagnose(
     robot: RobotDescription,
@@ -86,7 +99,7 @@ def diagnose(
     clean: Sequence[Log] = (),
     before: RobotDescription | None = None,
     material: Material = MATERIAL,
-) -> Diagnosis[RobotDescription, Linearised]:
+) -> RobotDiagnosis:
     """Return the effects that a robot's description is missing, their probabilities, and their costs in use.
 
     held_out: logs that must confirm a name. clean: logs of the robot in good order. before: the description of the
@@ -105,7 +118,7 @@ def diagnose(
         return _confirmed(search, usual, as_before)
 
 
-def unexamined(robot: RobotDescription, logs: Sequence[Log]) -> Diagnosis[RobotDescription, Linearised]:
+def unexamined(robot: RobotDescription, logs: Sequence[Log]) -> RobotDiagnosis:
     """Return the diagnosis of logs in which wheels slid so much that nothing is looked for."""
     check_seen(robot, logs)
     with must_fit(robot):
@@ -123,7 +136,7 @@ class _Search:
     logs, linearised.
     """
 
-    named: tuple[Sized, ...]
+    named: Effects
     seen: Linearised
     posterior: Posterior
     answers: list[Answer]
@@ -357,9 +370,7 @@ class _HeldOut:
         return linearise(robot, self.logs, among=among, released=self.free, **known)
 
 
-def _confirmed(
-    search: _Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]
-) -> Diagnosis[RobotDescription, Linearised]:
+def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]) -> RobotDiagnosis:
     """Return the diagnosis: what was found, as far as held-out logs confirm it, and clean logs do not show it as large.
     usual: noise of clean logs; as_before: families that these show (`in_good_order`)."""
     robot, base, logs, seen, material = search.robot, search.base, search.logs, search.seen, search.material
@@ -395,9 +406,7 @@ def _confirmed(
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
 
 
-def _with_dimensions(
-    diagnosis: Diagnosis[RobotDescription, Linearised], search: _Search, held_out: _HeldOut
-) -> Diagnosis[RobotDescription, Linearised]:
+def _with_dimensions(diagnosis: RobotDiagnosis, search: _Search, held_out: _HeldOut) -> RobotDiagnosis:
     """Return a diagnosis with the dimensions as they are guessed together, and sizes of named ones beside these, if any
     is in a credible set and the guess shrinks the gap of held-out logs."""
     seen, material = search.seen, search.material

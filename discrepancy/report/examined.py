@@ -9,7 +9,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.discriminating_drive import SeparatingDrive
-from discrepancy.posterior.finder import Diagnosis
+from discrepancy.posterior.finder import RobotDiagnosis
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.preflight.undo import Undone
 from discrepancy.report import answers, pictures, plain_data, sentences
@@ -92,7 +92,7 @@ class Examined:
     def of(
         cls,
         undone: Undone,
-        diagnosis: Diagnosis[RobotDescription, Linearised],
+        diagnosis: RobotDiagnosis,
         seen: Mapping[str, Fit],
         drives: Sequence[SeparatingDrive | None],
     ) -> "Examined":

@@ -17,7 +17,7 @@ from discrepancy.posterior.answers import Answer, Cause, Place
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.model.named_together import Asked, asked, named_together
-from discrepancy.posterior.model.refit import Sized, sizes_of, with_effects
+from discrepancy.posterior.model.refit import Effects, Sized, sizes_of, with_effects
 from discrepancy.posterior.priors import hypothesis_of, order_of, tolerances
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, verdict_of
@@ -72,7 +72,7 @@ def diagnose_train(
 
 def _named(
     train: TrainDescription, first: Linearised, good: Linearised | None
-) -> tuple[tuple[Sized, ...], Linearised, Posterior, list[Answer]]:
+) -> tuple[Effects, Linearised, Posterior, list[Answer]]:
     """Return the effects that logs name, the statistics beside these, and the answers."""
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:

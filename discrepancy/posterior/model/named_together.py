@@ -15,6 +15,7 @@ from discrepancy.posterior.answers import Answer, Cause, Place, Seen, answers_of
 from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
 from discrepancy.posterior.model.exchange import exchanged, log_prior
 from discrepancy.posterior.model.refit import (
+    Effects,
     Look,
     S,
     Sized,
@@ -56,7 +57,7 @@ def named_together(
     first: S,
     begin: Sequence[Sized] = (),
     displaced: Callable[[S], float] = lambda seen: 0.0,
-) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
+) -> tuple[Effects, S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
@@ -127,14 +128,8 @@ def named_together(
 
 
 def _by_fits(
-    vehicle: Any,
-    look: Look[S],
-    named: Sequence[Sized],
-    answers: Sequence[Answer],
-    seen: S,
-    order: GoodOrder,
-    odds: float,
-) -> tuple[tuple[Sized, ...] | None, list[Answer]]:
+    vehicle: Any, look: Look[S], named: Effects, answers: Sequence[Answer], seen: S, order: GoodOrder, odds: float
+) -> tuple[Effects | None, list[Answer]]:
     """Return the answers on effects in the model that the posterior does not hold possible, as fits without each tell:
     of what wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return
     the effects without it instead.
@@ -208,7 +203,7 @@ def _as_fitted(vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Se
     ]
 
 
-def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[tuple[Sized, ...]]:
+def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[Effects]:
     """Yield the effects of a model with one exchanged for an effect that these motions may not distinguish from it."""
     causes = _by_family(seen)
     for answer, k in itertools.product(answers, range(len(named))):
@@ -320,7 +315,7 @@ def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_mod
     return [cause for cause in causes if cause in fitted] + [cause for cause in causes if cause not in fitted][:BESIDE]
 
 
-def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> tuple[Sized, ...]:
+def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> Effects:
     """Return the effects to put into the model: those that stay, and new effects that explain at least the part `least`
     of the deviance that the largest new effect explains. A smaller effect may only be the linearisation error of the
     largest."""
