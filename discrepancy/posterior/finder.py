@@ -162,7 +162,10 @@ class _Search:
         self.names = len({hypothesis.name for hypothesis in hypotheses_of(robot, self.plain)[0]})
         self.odds = prior_log_odds(self.names)
         self.jittery = jitter_answer(robot, logs, held_out, clean, self.names)
-        self.jitter = 0.0 if self.jittery is None else _deviation(self.jittery, logs)
+        self.jitter = 0.0  # standard deviation of the times at which encoders are read, s
+        if self.jittery is not None and not self.jittery.unnamed:
+            period = float(np.median(np.concatenate([np.diff(log.t) for log in logs])))
+            self.jitter = float(SampleJitter.deviation(self.jittery.amplitudes, period)[0])
         self.begin = most_likely(robot, logs, self.plain)
 
     def run(self) -> None:
@@ -318,12 +321,6 @@ def _of_contacts(robot: RobotDescription) -> frozenset[str]:
     """Return the families of effects on how contacts give way to forces."""
     kinds = SlipStiffness, SlipStiffnessLateral, ContactCreep
     return frozenset(candidate.family for candidate in candidates_of(robot) if isinstance(candidate.kinds[0], kinds))
-
-
-def _deviation(jittery: Answer, logs: Sequence[Log]) -> float:
-    """Return the standard deviation of the times at which jittering encoders are read, s; 0 if they jitter seldom."""
-    period = float(np.median(np.concatenate([np.diff(log.t) for log in logs])))
-    return 0.0 if jittery.unnamed else float(SampleJitter.deviation(jittery.amplitudes, period)[0])
 
 
 def _at_places(seen: Linearised) -> tuple[Candidate, ...]:
