@@ -5,6 +5,7 @@ The shape of creep is predicted (`estimators.likelihood.creep_prediction`); its 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -51,8 +52,9 @@ def fit_states(
     lower bounds of noise.
     """
     geometry, no_values = Geometry.of(robot.as_built()), np.zeros(0)
+    fit = partial(fitted, models, geometry, (), no_values, None, least=least, probes=PROBES)
     if start is None:
-        at, sizes, _ = fitted(models, geometry, (), no_values, None, least=least, probes=PROBES)
+        at, sizes, _ = fit()
     else:
         at, sizes, _ = start
     off: list[Array | float] = [0.0] * len(models)  # the errors of its sensors, which are subtracted from the counts
@@ -60,7 +62,7 @@ def fit_states(
     if robot.effects:
         off = _corrected(robot, models, logs, at, off, held, loose=start is not None)
         if start is None:
-            at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least, probes=PROBES)
+            at, sizes, _ = fit((at, sizes))
     creep, left = _Creep.before(models, usual, start[2].creep if start else None), MOST_ROUNDS
     expected: Sequence[Array] | None = None
     last: tuple[_Creep, Array] | None = None  # the last prediction, and its difference to what was expected before it
@@ -77,9 +79,7 @@ def fit_states(
             last = new, change
         expected = creep.expect(creep.columns, creep.factors)
         begin, rounds = (at._replace(factors=creep.factors), sizes), 1 if left else ROUNDS
-        at, sizes, solution = fitted(
-            models, geometry, (), no_values, None, begin, rounds, least=least, creep=creep, probes=PROBES
-        )
+        at, sizes, solution = fit(begin, rounds, creep=creep)
         creep = creep.found(at.factors, solution.shared_covariance)
         at = at._replace(factors=no_values)
         if not left:

@@ -34,6 +34,10 @@ class Statistics(NamedTuple):
         """Return the statistics of the difference between sizes and `size` (m,)."""
         return Statistics(self.information, self.score - self.information @ size)
 
+    def gain(self, size: Array) -> float:
+        """Return the log-likelihood ratio (natural logarithm) of sizes (m,) against 0."""
+        return float(self.score @ size - size @ self.information @ size / 2)
+
     def of_combinations(self, basis: Array) -> "Statistics":
         """Return the statistics of the combinations a of sizes, where the sizes are basis (m, m) times a."""
         return Statistics(basis.T @ self.information @ basis, basis.T @ self.score)

@@ -274,8 +274,7 @@ class _HeldOut:
         return self._log_ratio(size, self.without.logs) if explained * SIGNATURE**2 < 1 else None
 
     def _log_ratio(self, size: Array, logs: Sequence[Statistics]) -> float:
-        statistics = self.order.beyond(agreeing(logs, self.with_named.lasting))
-        return float(statistics.score @ size - size @ statistics.information @ size / 2)
+        return self.order.beyond(agreeing(logs, self.with_named.lasting)).gain(size)
 
 
 def _log_density(away: Array, covariance: Array) -> float:

@@ -27,7 +27,7 @@ from discrepancy.posterior.model.refit import (
     sizes_of,
     statistics_of,
 )
-from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing, summed
+from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 
 LOOKS = 6
@@ -149,19 +149,13 @@ def _by_fits(
         left = tuple(other for other in named if other is not effect)
         others, without = refitted(vehicle, look, named, left, seen)
         gain = max(seen.log_evidence - without.log_evidence, 0.0)
-        explained, beyond = (_gained(of, in_model, sizes_of(left, seen)) for of in statistics)
+        explained, beyond = (of.gain(in_model) - of.gain(sizes_of(left, seen)) for of in statistics)
         part = float(np.clip(beyond / explained, 0.0, 1.0)) if explained > 0 else 1.0
         log_odds = part * gain + log_prior([effect], seen) + odds
         if log_odds <= least:
             least, kept = log_odds, others
         told.append(_answer_by_fit(effect, float(log_odds), gain, seen))
     return kept, told
-
-
-def _gained(statistics: Statistics, size: Array, remaining: Array) -> float:
-    """Return how much log-likelihood sizes gain over the remaining ones."""
-    (first, second) = (float(statistics.score @ b - b @ statistics.information @ b / 2) for b in (size, remaining))
-    return first - second
 
 
 def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> Answer:
@@ -191,8 +185,7 @@ def _as_fitted(vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Se
     if not any(np.linalg.norm(by) > told[one.candidate].error for one, by in zip(there, changes, strict=True)):
         return list(answers)
     moved = [effect.moved(by) for effect, by in zip(there, changes, strict=True)]
-    statistics, change = statistics_of(there, seen), np.concatenate(changes)
-    gain = float(statistics.score @ change - change @ statistics.information @ change / 2)
+    gain = statistics_of(there, seen).gain(np.concatenate(changes))
     others = [effect for effect in named if effect not in there]
     found = fit_with(vehicle, look, (*moved, *others), seen)
     if found is not None and found.log_evidence > seen.log_evidence + gain - LOG_ODDS:
@@ -265,9 +258,9 @@ def by_formula(candidate: Cause, seen: Seen) -> tuple[Sized, float]:
     """Return a candidate beside the effects in the model in the size that the linear formula gives, and what it then
     explains of the log-likelihood."""
     none = Sized(candidate, np.zeros(candidate.columns))
-    information, score = statistics_of([none], seen)
-    effect = none.moved(np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0], dtype=np.float64))
-    return effect, float(score @ effect.amplitudes - effect.amplitudes @ information @ effect.amplitudes / 2)
+    statistics = statistics_of([none], seen)
+    effect = none.moved(np.asarray(np.linalg.lstsq(*statistics, rcond=1e-9)[0], dtype=np.float64))
+    return effect, statistics.gain(effect.amplitudes)
 
 
 def _large(answers: Sequence[Answer]) -> list[Cause]:
