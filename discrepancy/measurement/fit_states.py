@@ -84,7 +84,7 @@ def fit_states(
         at = at._replace(factors=no_values)
         if not left:
             creep.expect(creep.columns, creep.factors)
-            return at, sizes, creep.shared(at.mount), slips
+            return at, sizes, SharedNuisances(creep.factors, creep.expected, creep.deviations, at.mount), slips
         if robot.effects:
             off = _corrected(robot, models, logs, at, off, held or left <= MOST_ROUNDS / 2)
 
@@ -177,10 +177,6 @@ class _Creep:
             expected[0], deviations[0] = 0.0 if rigid else 1.0, AS_DESCRIBED
         factors = np.clip(factors, -MOST_UNEVEN, [MOST_CREEP] + [MOST_UNEVEN] * rows)
         return replace(self, factors=factors, expected=expected, deviations=deviations)
-
-    def shared(self, mount: Array) -> SharedNuisances:
-        """Return the factors with their prior, and the place of the tracked point."""
-        return SharedNuisances(self.factors, self.expected, self.deviations, mount)
 
 
 def _corrected(
