@@ -7,15 +7,13 @@ from castor_envs.errors import InputError
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.discriminating_drive import separating_drives
 from discrepancy.hypotheses.candidates import without
-from discrepancy.posterior.finder import Diagnosis, diagnose, unexamined
+from discrepancy.posterior.finder import RobotDiagnosis, diagnose, unexamined
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight import Mistake
-from discrepancy.preflight.undo import Logs, Undone, undo
+from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined, Fit, Replays
 from discrepancy.validation.replay import Replay, joined, replay
-
-RobotDiagnosis = Diagnosis[RobotDescription, Linearised]
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
@@ -23,7 +21,7 @@ def posterior_of(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> tuple[tuple[Mistake, ...], RobotDiagnosis]:
     """Return the gross mistakes in logs, and what logs without these say by `posterior.finder.diagnose`."""
-    undone = undo(robot, logs, held_out, clean)
+    undone = Undone(robot, logs, held_out, clean)
     return undone.checked.mistakes, diagnosed(undone, material)
 
 
@@ -35,7 +33,7 @@ def examine(
 
     Residuals with the named effects are those of the robot file that is written, linearised afresh from the logs.
     """
-    undone = undo(robot, logs, held_out, clean)
+    undone = Undone(robot, logs, held_out, clean)
     return examined(undone, diagnosed(undone, material))
 
 

@@ -9,7 +9,7 @@ from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log, poses_taken
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.checks import wheel_steps
-from discrepancy.validation.parity import BLIND, Parity, parity_residual
+from discrepancy.validation.parity import BLIND, Parity
 from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
 FORMAT, DIGITS = "castor-inspect/1", 9
@@ -111,7 +111,7 @@ def _parity(robot: RobotDescription, log: Log) -> dict[str, Any]:
 
     `ratio` is the one over the other, `drift` that of sums over `window` s; null where nothing moved.
     """
-    parity = parity_residual(robot, log)
+    parity = Parity(robot, log)
     names = [f"wheel_{robot.wheel_names[k]}" for k in parity.rows.wheels]
     names += [f"castor_{i + 1}" for i in parity.rows.castors]
     rows = [
@@ -139,14 +139,8 @@ def _parity(robot: RobotDescription, log: Log) -> dict[str, Any]:
 def _gyro(robot: RobotDescription, log: Log) -> dict[str, Any] | None:
     """Return the gyro against the wheels; null where nothing can be said (`gyro_against_wheels`)."""
     check = gyro_against_wheels(robot, log)
-    if check is None:
-        return None
-    numbers = {
-        "scale": check.scale,
-        "bias": check.bias,
-        "follows": check.follows,
-    }
-    return numbers | {"verdict": check.verdict}
+    keys = "scale", "bias", "follows", "verdict"
+    return None if check is None else {key: getattr(check, key) for key in keys}
 
 
 def _verdict(robot: RobotDescription, parity: Parity, ratio: float) -> str:

@@ -52,13 +52,12 @@ def find(
     for option, path, what in (("--out", out, "folder"), ("--separate", separate, "file")):
         if path is not None and path.exists():
             raise InputError(f"{option} {path}: is there already; name a new {what}")
-    paths, kept_back, good = (logs_of(given or []) for given in (logs, holdout, clean))
-    description = vehicle_of(robot, paths)
+    paths = [logs_of(given or []) for given in (logs, holdout, clean)]
+    description = vehicle_of(robot, paths[0])
     if separate is not None and isinstance(description, TrainDescription):
         raise InputError(f"--separate {separate}: {description.name} is a train; drives are for single robots")
-    read = {path: read_log(path, description) for path in (*paths, *kept_back, *good)}
+    named, held_out, before = ({str(path): read_log(path, description) for path in kind} for kind in paths)
     matters = Material(1e-3 * material, 1e-3 * material)
-    named, held_out, before = ({str(path): read[path] for path in kind} for kind in (paths, kept_back, good))
     if isinstance(description, TrainDescription):
         examined = examine_train(description, named, held_out, before, matters)
     else:

@@ -18,8 +18,7 @@ Logs = Annotated[
     list[Path], typer.Argument(help="Logs of the robot: CSV files, one for each run, or folders: all *.csv in them.")
 ]
 Robot = Annotated[
-    str | None,
-    typer.Option(help=f"A preset's name, or a robot file (.json). Default: {ROBOT_FILE} beside the logs."),
+    str | None, typer.Option(help=f"A preset's name, or a robot file (.json). Default: {ROBOT_FILE} beside the logs.")
 ]
 
 

@@ -20,8 +20,7 @@ from discrepancy.trials.trains.run import TrainPlan
 
 def trial(
     cases: Annotated[
-        int,
-        typer.Option(help="How many cases; of every twenty, four have no effect.", min=1, max=9999),
+        int, typer.Option(help="How many cases; of every twenty, four have no effect.", min=1, max=9999)
     ] = 20,
     generator: Annotated[
         str, typer.Option(help="The simulator that makes the logs: pymunk (the project's own), mujoco or bullet.")

@@ -162,7 +162,6 @@ class Signatures:
     read too much per unit, of `slips` (K - 1, w + n, R), m per unit that wheels roll and castors move to their side,
     and of `rates` (R,), rate of the reference's clock, `sways` (R,), by how much its poses are off in proportion to the
     tracked point's acceleration, s2, and `gyro_scales` (R,), part by which the gyro reads too much, per unit.
-    places: which of the R are at a place on the floor.
     """
 
     candidates: tuple[Candidate, ...]
@@ -173,7 +172,6 @@ class Signatures:
     rates: Array
     sways: Array
     gyro_scales: Array
-    places: tuple[int, ...]
 
 
 def signatures_of(
@@ -260,7 +258,6 @@ def signatures_of(
         np.array([_per_unit(rate_of, candidate) for candidate in of_columns]),
         np.array([float(candidate == SWAYING) for candidate in of_columns]),
         np.array([_per_unit(gyro_scale_of, candidate) for candidate in of_columns]),
-        tuple(k for k, candidate in enumerate(of_columns) if candidate.at_a_place),
     )
 
 
@@ -352,12 +349,8 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
 
     for k in robot.driven_wheels:
         i = robot.wheel_castors[k]
-        place, rolled, turn, theta = (
-            f"wheel_{robot.wheel_names[k]}",
-            paths[:, k],
-            wheel_angle[:, k],
-            motion.half_way[:, i],
-        )
+        place, rolled, turn = f"wheel_{robot.wheel_names[k]}", paths[:, k], wheel_angle[:, k]
+        theta = motion.half_way[:, i]
         behaviour = "slips where its castor turns, once a turn"
         yield alone(behaviour, place, k, swept[:, i] * np.sin(turn), swept[:, i] * np.cos(turn))
         for times in (1, 2) if np.ptp(theta) >= SWEPT else ():

@@ -1,8 +1,7 @@
 """Design matrix of one log about a state: columns of candidates and of creep."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, dataclass, replace
-from typing import NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,16 +31,6 @@ CREEP = 7e-5
 Real contacts are not as rigid as ideal rolling."""
 
 
-class Made(NamedTuple):
-    """Columns of C amplitudes, of which the first G change the geometry and the other R readings and slips
-    (`changes`)."""
-
-    readings: SparseColumns
-    slips: SparseColumns
-    changes: Changes
-
-
-@dataclass(frozen=True, eq=False)
 class DesignMatrix:
     """The columns of one log's linear problem about a state, which are made when they are asked for, and kept until
     `forget`. candidates: with the columns of their amplitudes in sequence, the first of `geometries`. rates (R,): rate
@@ -49,24 +38,8 @@ class DesignMatrix:
     gyro_scales (R,): part by which the gyro reads too much; rate: of that clock, if it is known, s/s.
     creep (K - 1, rows, 1 + rows): known up to factors (`SharedNuisances`)."""
 
-    model: LogLikelihood
-    geometry: Geometry
-    state: Array
-    clock: Array
-    candidates: tuple[Candidate, ...]
-    geometries: tuple[Geometry, ...]
-    steps: Array
-    rates: Array
-    sways: Array
-    gyro_scales: Array
-    rate: float | None
-    creep: SparseColumns
-    make: Callable[[], Made]
-    _made: list[Made]
-
-    @classmethod
-    def of(
-        cls,
+    def __init__(
+        self,
         robot: RobotDescription,
         model: LogLikelihood,
         log: Log,
@@ -77,72 +50,57 @@ class DesignMatrix:
         among: Sequence[Candidate] | None,
         places: Sequence[Candidate],
         of: str,
-    ) -> "DesignMatrix":
-        """Return the columns of candidates, from `signatures_of`."""
-        geometry = Geometry.of(robot.as_built())
+    ) -> None:
+        """among, places, of: as for `signatures_of`."""
+        self.model, self.geometry, self.state = model, Geometry.of(robot.as_built()), state
+        self.clock, self.rate, self.creep = clock, rate, SparseColumns.of(slipping.columns())
 
         def signatures() -> Signatures:
             return signatures_of(robot, log, state, model.score_by_counts(state), among, of, places)
 
-        def make(found: Signatures) -> Made:
-            slips = found.slips.in_rows(model.slip_rows)
-            changed = stacked(geometry, found.geometries)
-            return Made(found.readings, slips, Changes(geometry, changed, found.steps, state, found.readings, slips))
-
-        found = signatures()
-        return cls(
-            model=model,
-            geometry=geometry,
-            state=state,
-            clock=clock,
-            candidates=found.candidates,
-            geometries=found.geometries,
-            steps=found.steps,
-            rates=found.rates,
-            sways=found.sways,
-            gyro_scales=found.gyro_scales,
-            rate=rate,
-            creep=SparseColumns.of(slipping.columns()),
-            make=lambda: make(signatures()),
-            _made=[make(found)],
-        )
+        found, self._signatures = signatures(), signatures
+        self.candidates, self.geometries, self.steps = found.candidates, found.geometries, found.steps
+        self.rates, self.sways, self.gyro_scales = found.rates, found.sways, found.gyro_scales
+        self._columns: tuple[SparseColumns, SparseColumns] | None = self._columns_of(found)
 
     @property
-    def made(self) -> Made:
-        """The columns."""
-        if not self._made:
-            self._made.append(self.make())
-        return self._made[0]
+    def columns(self) -> tuple[SparseColumns, SparseColumns]:
+        """Readings and slips (`Changes`) per unit of the R amplitudes that do not change the geometry."""
+        if self._columns is None:
+            self._columns = self._columns_of(self._signatures())
+        return self._columns
+
+    @property
+    def changes(self) -> Changes:
+        """What all amplitudes change."""
+        return Changes(self.geometry, stacked(self.geometry, self.geometries), self.steps, self.state, *self.columns)
 
     def forget(self) -> None:
         """Let the columns go, which hold many times the memory of the log."""
-        self._made.clear()
+        self._columns = None
 
     def reduce(self, mount: Array, noise: Noise, only: Sequence[Candidate] | None = None, probes: int = 0) -> Reduced:
         """Return the log's statistics of amplitudes, factors of creep, and constant creep of every wheel and castor;
         with `only`: of these candidates, without constant creep."""
-        made, always = self.made, []
+        (readings, slips), geometries, steps, always = self.columns, self.geometries, self.steps, []
         numbers = self.rates, self.sways, self.gyro_scales
-        changes = made.changes
         if only is None:
             always = [SparseColumns.diagonal(self.model.rolled(self.geometry, self.state))]
         else:
             chosen = [candidate in only for candidate in self.candidates for _ in range(candidate.columns)]
-            columns, built = np.flatnonzero(chosen), len(self.steps)
+            columns, built = np.flatnonzero(chosen), len(steps)
             of_geometry, of_readings = columns[columns < built], columns[columns >= built] - built
-            changes = replace(
-                changes,
-                changed=stacked(self.geometry, [self.geometries[k] for k in of_geometry.tolist()]),
-                change=self.steps[of_geometry],
-                readings=made.readings.only(of_readings.tolist()),
-                slips=made.slips.only(of_readings.tolist()),
-            )
+            geometries, steps = [geometries[k] for k in of_geometry.tolist()], steps[of_geometry]
+            readings, slips = (part.only(of_readings.tolist()) for part in (readings, slips))
             numbers = tuple(of_effects[of_readings] for of_effects in numbers)
-        parts = (changes.slips, self.creep, *always)
+        parts = (slips, self.creep, *always)
         others = sum(part.shape[-1] for part in parts) - len(numbers[0])
-        extra = ExtraColumns(changes.readings, parts, *(np.pad(of_effects, (0, others)) for of_effects in numbers))
-        at = self.geometry, changes.changed, changes.change, self.state, self.clock
+        extra = ExtraColumns(readings, parts, *(np.pad(of_effects, (0, others)) for of_effects in numbers))
+        at = self.geometry, stacked(self.geometry, geometries), steps, self.state, self.clock
         return self.model.reduce(*at, mount, noise, probes, extra, self.rate)
+
+    def _columns_of(self, found: Signatures) -> tuple[SparseColumns, SparseColumns]:
+        return found.readings, found.slips.in_rows(self.model.slip_rows)
 
     @property
     def redundant(self) -> bool:
@@ -164,6 +122,11 @@ def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
     """Return the column numbers of each of several candidates in sequence."""
     ends = np.cumsum([candidate.columns for candidate in candidates])
     return tuple(np.arange(end - candidate.columns, end) for candidate, end in zip(candidates, ends, strict=True))
+
+
+def numbers_of(candidates: Sequence[Candidate], columns: Mapping[Candidate, NDArray[np.intp]]) -> NDArray[np.intp]:
+    """Return the column numbers of candidates, one after another, given those of each."""
+    return np.concatenate([np.zeros(0, dtype=np.intp), *(columns[candidate] for candidate in candidates)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,8 +167,7 @@ def joint(
     information, gradient = np.zeros((size, size)), np.zeros((size, reductions[0][1].gradient.shape[1]))
     numbers = []
     for log_candidates, reduced in reductions:
-        amplitudes = np.concatenate([np.zeros(0, dtype=np.intp), *(columns[candidate] for candidate in log_candidates)])
-        at = np.concatenate([amplitudes, np.arange(count, size)])
+        at = np.concatenate([numbers_of(log_candidates, columns), np.arange(count, size)])
         information[np.ix_(at, at)] += reduced.information
         gradient[at] += reduced.gradient
         numbers.append(at)

@@ -5,6 +5,7 @@ The shape of creep is predicted (`estimators.likelihood.creep_prediction`); its 
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -51,8 +52,9 @@ def fit_states(
     lower bounds of noise.
     """
     geometry, no_values = Geometry.of(robot.as_built()), np.zeros(0)
+    fit = partial(fitted, models, geometry, (), no_values, None, least=least, probes=PROBES)
     if start is None:
-        at, sizes, _ = fitted(models, geometry, (), no_values, None, least=least, probes=PROBES)
+        at, sizes, _ = fit()
     else:
         at, sizes, _ = start
     off: list[Array | float] = [0.0] * len(models)  # the errors of its sensors, which are subtracted from the counts
@@ -60,7 +62,7 @@ def fit_states(
     if robot.effects:
         off = _corrected(robot, models, logs, at, off, held, loose=start is not None)
         if start is None:
-            at, sizes, _ = fitted(models, geometry, (), no_values, None, (at, sizes), least=least, probes=PROBES)
+            at, sizes, _ = fit((at, sizes))
     creep, left = _Creep.before(models, usual, start[2].creep if start else None), MOST_ROUNDS
     expected: Sequence[Array] | None = None
     last: tuple[_Creep, Array] | None = None  # the last prediction, and its difference to what was expected before it
@@ -69,7 +71,7 @@ def fit_states(
         new, left = creep.predicted(slips, logs), left - 1
         creep = new
         if expected is not None:
-            change = _change(models, geometry, at, least, expected, new.expect(new.columns, new.factors))
+            change = new.change(expected, geometry, at, least)
             if np.sqrt(np.mean(change**2)) < SETTLED:
                 left = 0
             if last is not None:
@@ -77,14 +79,12 @@ def fit_states(
             last = new, change
         expected = creep.expect(creep.columns, creep.factors)
         begin, rounds = (at._replace(factors=creep.factors), sizes), 1 if left else ROUNDS
-        at, sizes, solution = fitted(
-            models, geometry, (), no_values, None, begin, rounds, least=least, creep=creep, probes=PROBES
-        )
+        at, sizes, solution = fit(begin, rounds, creep=creep)
         creep = creep.found(at.factors, solution.shared_covariance)
         at = at._replace(factors=no_values)
         if not left:
             creep.expect(creep.columns, creep.factors)
-            return at, sizes, creep.shared(at.mount), slips
+            return at, sizes, SharedNuisances(creep.factors, creep.expected, creep.deviations, at.mount), slips
         if robot.effects:
             off = _corrected(robot, models, logs, at, off, held or left <= MOST_ROUNDS / 2)
 
@@ -145,6 +145,15 @@ class _Creep:
             model.expect(log_expected, log_doubt)
         return expected
 
+    def change(self, before: Sequence[Array], geometry: Geometry, at: State, noise: Noise) -> Array:
+        """Return by how much expected slips differ from those before, in standard deviations of slip noise."""
+        expected = self.expect(self.columns, self.factors)
+        changes = [
+            model.in_deviations(now - then, geometry, state, noise)
+            for model, then, now, state in zip(self.models, before, expected, at.states, strict=True)
+        ]
+        return np.concatenate([log.ravel() for log in changes])
+
     def disagreement(
         self, geometry: Geometry, changed: Geometry, change: Array, states: Sequence[Array]
     ) -> tuple[Array, Array]:
@@ -168,10 +177,6 @@ class _Creep:
             expected[0], deviations[0] = 0.0 if rigid else 1.0, AS_DESCRIBED
         factors = np.clip(factors, -MOST_UNEVEN, [MOST_CREEP] + [MOST_UNEVEN] * rows)
         return replace(self, factors=factors, expected=expected, deviations=deviations)
-
-    def shared(self, mount: Array) -> SharedNuisances:
-        """Return the factors with their prior, and the place of the tracked point."""
-        return SharedNuisances(self.factors, self.expected, self.deviations, mount)
 
 
 def _corrected(
@@ -246,19 +251,3 @@ def _column(robot: RobotDescription, channels: Channels, effect: TickLoss) -> in
     """Return the column of a wheel's encoder."""
     k = channel(robot, effect.castor, effect.wheel, effect.name)
     return len(channels.sensed) + int(np.searchsorted(channels.driven, k))
-
-
-def _change(
-    models: Sequence[LogLikelihood],
-    geometry: Geometry,
-    at: State,
-    noise: Noise,
-    before: Sequence[Array],
-    expected: Sequence[Array],
-) -> Array:
-    """Return the changes of expected slips, in standard deviations of slip noise."""
-    changes = [
-        model.in_deviations(now - then, geometry, state, noise)
-        for model, then, now, state in zip(models, before, expected, at.states, strict=True)
-    ]
-    return np.concatenate([log.ravel() for log in changes])

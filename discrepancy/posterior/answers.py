@@ -240,7 +240,7 @@ def answers_of(
     in_model (m,): sizes in the model. Of effects that are the same on this vehicle, that in the model gives the name.
     """
     modelled = [bool(np.any(in_model[columns])) for columns in seen.columns]
-    likeliest = [_likeliest(seen, single, posterior, component, places, modelled) for component in posterior.components]
+    likeliest = [_likeliest(seen, posterior, component, places, modelled) for component in posterior.components]
     answers: dict[Cause, Answer] = {}
     for component, best in zip(posterior.components, likeliest, strict=True):
         if best is None:
@@ -286,12 +286,7 @@ def answers_of(
 
 
 def _likeliest(
-    seen: Seen,
-    single: SingleEffects,
-    posterior: Posterior,
-    component: Component,
-    places: Sequence[Place],
-    modelled: Sequence[bool],
+    seen: Seen, posterior: Posterior, component: Component, places: Sequence[Place], modelled: Sequence[bool]
 ) -> int | None:
     """Return the likeliest hypothesis of a component, of those that are the same on this vehicle preferably one in the
     model; None if its likeliest value is "nothing"."""
@@ -299,7 +294,7 @@ def _likeliest(
     if not credible:
         return None
     return max(
-        (k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name == credible[0]),
+        (k for k, hypothesis in enumerate(posterior.hypotheses) if hypothesis.name == credible[0]),
         key=lambda k: (
             modelled[places[k].candidate],
             seen.candidates[places[k].candidate].family == credible[0],  # which gave the name to all that are alike

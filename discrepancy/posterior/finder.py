@@ -20,12 +20,12 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, encoder_of, without
 from discrepancy.posterior.answers import Answer, Cause, Verdict
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
-from discrepancy.posterior.in_phase import in_phase
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import Asked, asked, by_formula, most_explaining, named_together
 from discrepancy.posterior.model.refit import (
+    Effects,
     S,
     Sized,
     V,
@@ -35,9 +35,9 @@ from discrepancy.posterior.model.refit import (
     sizes_of,
     with_effects,
 )
+from discrepancy.posterior.other_logs import in_good_order, in_phase
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
-from discrepancy.posterior.there_before import in_good_order, there_before
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
@@ -56,7 +56,7 @@ class Diagnosis(Generic[V, S]):
     before, after: the logs linearised without and with the named effects and learned curves; held_out: both for
     held-out logs. inclusion: probability of every name to be among the missing effects. creep: factor of predicted
     creep under forces in clean logs, if there are any; clean_gap: gap of these. in_phase: held-out logs,
-    whose wheels are turned at the start as those of the logs are (`in_phase.in_phase`).
+    whose wheels are turned at the start as those of the logs are (`other_logs.in_phase`).
     """
 
     robot: V
@@ -89,6 +89,9 @@ class Diagnosis(Generic[V, S]):
         return [*(effect for effect in named if effect.candidate not in together), *together.values()]
 
 
+RobotDiagnosis = Diagnosis[RobotDescription, Linearised]
+
+
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def diagnose(
     robot: RobotDescription,
@@ -97,7 +100,7 @@ def diagnose(
     clean: Sequence[Log] = (),
     before: RobotDescription | None = None,
     material: Material = MATERIAL,
-) -> Diagnosis[RobotDescription, Linearised]:
+) -> RobotDiagnosis:
     """Return the effects that a robot's description is missing, their probabilities, and their costs in use.
 
     held_out: logs that must confirm a name. clean: logs of the robot in good order. before: the description of the
@@ -116,7 +119,7 @@ def diagnose(
         return _confirmed(search, usual, as_before)
 
 
-def unexamined(robot: RobotDescription, logs: Sequence[Log]) -> Diagnosis[RobotDescription, Linearised]:
+def unexamined(robot: RobotDescription, logs: Sequence[Log]) -> RobotDiagnosis:
     """Return the diagnosis of logs in which wheels slid so much that nothing is looked for."""
     check_seen(robot, logs)
     with must_fit(robot):
@@ -134,7 +137,7 @@ class _Search:
     logs, linearised.
     """
 
-    named: tuple[Sized, ...]
+    named: Effects
     seen: Linearised
     posterior: Posterior
     answers: list[Answer]
@@ -160,7 +163,10 @@ class _Search:
         self.names = len({hypothesis.name for hypothesis in hypotheses_of(robot, self.plain)[0]})
         self.odds = prior_log_odds(self.names)
         self.jittery = jitter_answer(robot, logs, held_out, clean, self.names)
-        self.jitter = 0.0 if self.jittery is None else _deviation(self.jittery, logs)
+        self.jitter = 0.0  # standard deviation of the times at which encoders are read, s
+        if self.jittery is not None and not self.jittery.unnamed:
+            period = float(np.median(np.concatenate([np.diff(log.t) for log in logs])))
+            self.jitter = float(SampleJitter.deviation(self.jittery.amplitudes, period)[0])
         self.begin = most_likely(robot, logs, self.plain)
 
     def run(self) -> None:
@@ -200,10 +206,6 @@ class _Search:
         extra = () if among is not None else tuple(dict.fromkeys((*self.places, *known, *self.somewhere)))
         only = None if among is None else [candidate for candidate in among if isinstance(candidate, Candidate)]
         return self.linearised(with_effects(self.base, named), start=start, among=only, places=extra)
-
-    def depends(self, changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
-        """Return the statistics of these candidates with a changed robot; see `learned.Look`."""
-        return self.linearised(changed, start=self.seen, among=among)
 
     def linearised(self, robot: RobotDescription, **options: Any) -> Linearised:
         """Return the statistics of the logs as made by a robot; options: of `linearise`."""
@@ -314,7 +316,11 @@ class _Search:
         if not channels:
             return None
         self.curve_sought, found = True, self.found
-        curve = learned(found, self.logs, self.seen, channels, self.depends)
+
+        def look(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
+            return self.linearised(changed, start=self.seen, among=among)
+
+        curve = learned(found, self.logs, self.seen, channels, look)
         if curve is None or (self.held_out and not helps(found, curve, self.held_out, self.creep)):
             return None
         self.curve, self.base = curve, self.robot.with_effects(curve.effect)
@@ -330,12 +336,6 @@ def _of_contacts(robot: RobotDescription) -> frozenset[str]:
     """Return the families of effects on how contacts give way to forces."""
     kinds = SlipStiffness, SlipStiffnessLateral, ContactCreep
     return frozenset(candidate.family for candidate in candidates_of(robot) if isinstance(candidate.kinds[0], kinds))
-
-
-def _deviation(jittery: Answer, logs: Sequence[Log]) -> float:
-    """Return the standard deviation of the times at which jittering encoders are read, s; 0 if they jitter seldom."""
-    period = float(np.median(np.concatenate([np.diff(log.t) for log in logs])))
-    return 0.0 if jittery.unnamed else float(SampleJitter.deviation(jittery.amplitudes, period)[0])
 
 
 def _at_places(seen: Linearised) -> tuple[Candidate, ...]:
@@ -382,9 +382,7 @@ class _HeldOut:
         return linearise(robot, self.logs, among=among, released=self.free, **known)
 
 
-def _confirmed(
-    search: _Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]
-) -> Diagnosis[RobotDescription, Linearised]:
+def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]) -> RobotDiagnosis:
     """Return the diagnosis: what was found, as far as held-out logs confirm it, and clean logs do not show it as large.
     usual: noise of clean logs; as_before: families that these show (`in_good_order`)."""
     robot, base, logs, seen, material = search.robot, search.base, search.logs, search.seen, search.material
@@ -404,7 +402,12 @@ def _confirmed(
     every = [*search.answers, *beside]
     clean_gap = None if search.good is None else search.good.gap
     answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes, clean_gap)
-    answers = tuple(there_before(answer) if answer.candidate.family in as_before else answer for answer in answers)
+    answers = tuple(
+        replace(answer, verdict="negligible", reason=f"the clean logs show {answer.candidate.what} as large")
+        if answer.candidate.family in as_before
+        else answer
+        for answer in answers
+    )
     pair = None
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
@@ -415,9 +418,7 @@ def _confirmed(
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
 
 
-def _with_dimensions(
-    diagnosis: Diagnosis[RobotDescription, Linearised], search: _Search, held_out: _HeldOut
-) -> Diagnosis[RobotDescription, Linearised]:
+def _with_dimensions(diagnosis: RobotDiagnosis, search: _Search, held_out: _HeldOut) -> RobotDiagnosis:
     """Return a diagnosis with the dimensions as they are guessed together, and sizes of named ones beside these, if any
     is in a credible set and the guess shrinks the gap of held-out logs."""
     seen, material = search.seen, search.material

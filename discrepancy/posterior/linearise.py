@@ -24,11 +24,11 @@ from discrepancy.measurement.design_matrix import (
     DesignMatrix,
     SharedNuisances,
     columns_of,
+    numbers_of,
     reestimated_noise,
     schur_complement,
 )
 from discrepancy.measurement.fit_states import fit_states
-from discrepancy.measurement.gap import errors_of, gap_of
 from discrepancy.measurement.servo_work import Pull, pull_of
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes
@@ -105,7 +105,10 @@ class Linearised:
     @property
     def gap(self) -> tuple[float, float] | None:
         """Gap between odometry and reference, m and rad; None for logs without a reference."""
-        return gap_of(self.errors)
+        off = np.concatenate(self.errors)
+        if not len(off):
+            return None
+        return float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(off[:, 2] ** 2)))
 
     def cost_of_slips(self, slips: Sequence[Array]) -> Array:
         """Return the odometry error (2,) that slips (K - 1, rows, draws) of each log cause, rms over draws: m after 10
@@ -136,11 +139,18 @@ class Linearised:
         return self if noise == self.noise else self.at_noise(noise)
 
     def at_noise(self, noise: Noise) -> "Linearised":
-        """Return the statistics at a given noise."""
-        logs, log_evidence = _statistics_of(
-            self.designs, self.disagreements, self.pulls, self.shared, noise, self.candidates, self.columns
-        )
-        return replace(self, noise=noise, logs=logs, log_evidence=log_evidence)
+        """Return the statistics at a given noise: in each log 0 of candidates without a column in it."""
+        place, count = dict(zip(self.candidates, self.columns, strict=True)), len(self.usual)
+        logs, log_evidence = [], 0.0
+        for design, disagreement, pull in zip(self.designs, self.disagreements, self.pulls, strict=True):
+            indices = numbers_of(design.candidates, place)
+            statistics, log_likelihood = _of_sizes(design, disagreement.statistics(), pull, self.shared, noise)
+            at = np.append(indices, indices + count)
+            information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
+            information[np.ix_(at, at)], score[at] = statistics
+            logs.append(Statistics(information, score))
+            log_evidence += log_likelihood
+        return replace(self, noise=noise, logs=tuple(logs), log_evidence=log_evidence)
 
 
 def linearise(
@@ -183,7 +193,7 @@ def linearise(
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
     designs = [
-        DesignMatrix.of(robot, model, log, state, clock, rate, slipping, among, places, name)
+        DesignMatrix(robot, model, log, state, clock, rate, slipping, among, places, name)
         for model, log, state, clock, rate, slipping, name in zip(
             models, logs, at.states, at.clocks, _rates(robot, models, at, own_clocks), slips, names, strict=True
         )
@@ -192,57 +202,49 @@ def linearise(
     columns = columns_of(candidates)
     place = dict(zip(candidates, columns, strict=True))
     count = sum(candidate.columns for candidate in candidates)
-    usual, costs = np.full(count, np.nan), []
-    for model, design, state, clock in zip(models, designs, at.states, at.clocks, strict=True):
-        parts = [place[candidate] for candidate in design.candidates]
-        indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
-        unnamed = np.array(
-            [not candidate.kinds for candidate in design.candidates for _ in range(candidate.columns)], dtype=bool
-        )
+    usual, costs, disagreements, pulls, errors = np.full(count, np.nan), [], [], [], []
+    for design, log, slipping, slipped, steps in zip(designs, logs, slips, predicted, released, strict=True):
+        model, state, clock, changes = design.model, design.state, design.clock, design.changes
+        indices = numbers_of(design.candidates, place)
+        of_readings = indices[len(design.steps) :]
+        unnamed = np.array([not cause.kinds for cause in design.candidates for _ in range(cause.columns)], dtype=bool)
         usual[indices[unnamed]] = _usual(design)[unnamed]
-        usual[indices[len(design.steps) :][design.sways != 0]] = SWAY
+        usual[of_readings[design.sways != 0]] = SWAY
         if robot.gyro is not None:
-            usual[indices[len(design.steps) :][design.gyro_scales != 0]] = robot.gyro.scale_tolerance
+            usual[of_readings[design.gyro_scales != 0]] = robot.gyro.scale_tolerance
         for candidate in design.candidates:
             if candidate.kinds and isinstance(backlash := candidate.kinds[0], PivotBacklash):
                 one_count = 2 * np.pi / geometry.pivot_counts_per_rev[backlash.castor - 1]
                 usual[place[candidate]] = np.hypot(backlash.tolerance, one_count * ROUNDED)
         cost = np.zeros((2, count))
-        missing = (model.missing(design.made.changes, steps) for steps in blocks(len(state) - 1))
-        cost[:, indices] = cost_of_sizes(missing, state[:, :3])
-        cost[:, indices[len(design.steps) :]] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
+        cost[:, indices] = cost_of_sizes((model.missing(changes, of) for of in blocks(len(state) - 1)), state[:, :3])
+        cost[:, of_readings] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
         if np.any(design.sways):
-            cost[0, indices[len(design.steps) :]] += model.acceleration(state, clock, at.mount) * design.sways
-        cost[1, indices[len(design.steps) :]] += 2 * np.pi * np.abs(design.gyro_scales)  # of a heading by the gyro
+            cost[0, of_readings] += model.acceleration(state, clock, at.mount) * design.sways
+        cost[1, of_readings] += 2 * np.pi * np.abs(design.gyro_scales)  # of a heading by the gyro
         costs.append(cost)
-    disagreements = tuple(
-        Disagreement.of(design.model, design.made.changes, log.t, slipping.disagreement, steps)
-        for design, log, slipping, steps in zip(designs, logs, slips, released, strict=True)
-    )
-    pulls = tuple(
-        pull_of(robot, log, Channels(robot).motion(log, state), design.candidates)
-        for design, log, state in zip(designs, logs, at.states, strict=True)
-    )
-    statistics, log_evidence = _statistics_of(designs, disagreements, pulls, shared, noise, candidates, columns)
+        disagreements.append(Disagreement.of(model, changes, log.t, slipping.disagreement, steps))
+        pulls.append(pull_of(robot, log, Channels(robot).motion(log, state), design.candidates))
+        errors.append(model.errors(geometry, clock, at.mount, slipped) if model.poses else np.zeros((0, 3)))
     built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
     return Linearised(
         candidates=candidates,
         columns=columns,
-        logs=statistics,
+        logs=(),
         usual=usual,
         cost=np.sqrt(np.mean(np.square(costs), axis=0)),
         state=at,
         noise=noise,
         creep=float(shared.creep[0]),
-        log_evidence=log_evidence,
-        errors=errors_of(models, geometry, at, predicted),
+        log_evidence=0.0,
+        errors=tuple(errors),
         designs=tuple(designs),
         shared=shared,
-        disagreements=disagreements,
-        pulls=pulls,
+        disagreements=tuple(disagreements),
+        pulls=tuple(pulls),
         slips=beyond,
         lasting=np.sort(np.array([place[candidate][0] for candidate in built], dtype=np.intp)),
-    )
+    ).at_noise(noise)
 
 
 def _rates(robot: RobotDescription, models: Sequence[LogLikelihood], at: State, own_clocks: bool) -> list[float | None]:
@@ -256,31 +258,6 @@ def _rates(robot: RobotDescription, models: Sequence[LogLikelihood], at: State, 
     mean = skew if own_clocks else float(np.mean(at.clocks[timed, 1])) if any(timed) else 0.0
     rates = skew + (at.clocks[:, 1] - mean if skew else np.zeros(len(models)))
     return [rate if known else None for rate, known in zip(rates.tolist(), timed, strict=True)]
-
-
-def _statistics_of(
-    designs: Sequence[DesignMatrix],
-    disagreements: Sequence[Disagreement],
-    pulls: Sequence[Pull],
-    shared: SharedNuisances,
-    noise: Noise,
-    candidates: Sequence[Candidate],
-    columns: Sequence[NDArray[np.intp]],
-) -> tuple[tuple[Statistics, ...], float]:
-    """Return information and score of all candidates in each log at a given noise, 0 of those without a column in it;
-    and the log evidence (`Linearised`)."""
-    place, by_log, log_evidence = dict(zip(candidates, columns, strict=True)), [], 0.0
-    count = sum(candidate.columns for candidate in candidates)
-    for design, disagreement, pull in zip(designs, disagreements, pulls, strict=True):
-        parts = [place[candidate] for candidate in design.candidates]
-        indices = np.concatenate([np.zeros(0, dtype=np.intp), *parts])
-        statistics, log_likelihood = _of_sizes(design, disagreement.statistics(), pull, shared, noise)
-        at = np.append(indices, indices + count)
-        information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
-        information[np.ix_(at, at)], score[at] = statistics
-        by_log.append(Statistics(information, score))
-        log_evidence += log_likelihood
-    return tuple(by_log), log_evidence
 
 
 def _of_sizes(
@@ -313,9 +290,8 @@ def _of_sizes(
 def _usual(design: DesignMatrix) -> Array:
     """Return sizes (columns,) at which candidates change readings by `COUNTS`, or slips by `SLIP`, rms."""
     rolled = np.sqrt(np.mean(design.model.rolled(design.geometry, design.state) ** 2))
-    read = np.sqrt(_mean_of_largest_squares(design.made.readings)) / COUNTS
-    slipped = np.sqrt(_mean_of_largest_squares(design.made.slips)) / (SLIP * rolled + 1e-12)
-    shown = np.maximum(read, slipped)
+    read, slipped = (np.sqrt(_mean_of_largest_squares(columns)) for columns in design.columns)
+    shown = np.maximum(read / COUNTS, slipped / (SLIP * rolled + 1e-12))
     shown = np.where(shown > ROUNDING, shown, 1.0)
     return np.concatenate([np.full(len(design.steps), np.nan), 1 / shown])
 

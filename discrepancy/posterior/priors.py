@@ -80,11 +80,6 @@ def tolerances(seen: Seen) -> Array:
     return tolerance
 
 
-def fault_scales(seen: Seen) -> Array:
-    """Return the prior scales (C,) of the sizes of faults."""
-    return FAULT * tolerances(seen)
-
-
 def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     """Return the sizes of all candidates that a vehicle in good order shows, from clean logs where there are any.
 
@@ -167,7 +162,7 @@ def hypotheses_of(
     family_of = {candidate: name for candidate, name in zip(seen.candidates, names, strict=True) if candidate.kinds}
     families = [family_of.get(candidate, candidate.family.partition(" ")[0]) for candidate in seen.candidates]
     count, width = len(seen.usual), 2 * float(mount_prior(Geometry.of(robot))[0])
-    scale = fault_scales(seen)
+    scale = FAULT * tolerances(seen)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
     about_fitted = seen.masked + ABOUT_FITTED

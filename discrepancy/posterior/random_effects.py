@@ -34,6 +34,10 @@ class Statistics(NamedTuple):
         """Return the statistics of the difference between sizes and `size` (m,)."""
         return Statistics(self.information, self.score - self.information @ size)
 
+    def gain(self, size: Array) -> float:
+        """Return the log-likelihood ratio (natural logarithm) of sizes (m,) against 0."""
+        return float(self.score @ size - size @ self.information @ size / 2)
+
     def of_combinations(self, basis: Array) -> "Statistics":
         """Return the statistics of the combinations a of sizes, where the sizes are basis (m, m) times a."""
         return Statistics(basis.T @ self.information @ basis, basis.T @ self.score)
@@ -126,8 +130,8 @@ def good_order(tolerance: Array, clean: Sequence[Statistics] = (), alike: NDArra
     scatter, between = begin * usual / 2, begin * usual / 2
     background, doubt = np.zeros(len(usual)), np.diag(between)
     for _ in range(ROUNDS if clean else 0):
-        by_log = [_Scattered.of(log, scatter) for log in clean]
-        about_zero = _Scattered.of(summed([log.of_mean for log in by_log]), between)
+        by_log = [_Scattered(log, scatter) for log in clean]
+        about_zero = _Scattered(summed([log.of_mean for log in by_log]), between)
         background, doubt = about_zero.mean, about_zero.covariance
         squares, shown = np.zeros(len(usual)), np.zeros(len(usual))
         for log in by_log:
@@ -143,21 +147,15 @@ def good_order(tolerance: Array, clean: Sequence[Statistics] = (), alike: NDArra
     return GoodOrder(background, doubt, np.diag(scatter))
 
 
-class _Scattered(NamedTuple):
+class _Scattered:
     """A log whose sizes scatter about a mean: the statistics of the mean (`Statistics.scattered`), and, where the mean
     is 0, the posterior mean (m,) of the sizes and their covariance (m, m).
 
     follows (m, m): by how much nearer to 0 the sizes' differences from the mean are, per unit of the mean.
     """
 
-    of_mean: Statistics
-    mean: Array
-    covariance: Array
-    follows: Array
-
-    @classmethod
-    def of(cls, log: Statistics, variance: Array) -> "_Scattered":
-        """Return this for the variances (m,) of the sizes.
+    def __init__(self, log: Statistics, variance: Array) -> None:
+        """variance (m,): of the sizes.
 
         With R, the root of their covariance, and I, the information, all follows from the inverse of 1 + R' I R.
         """
@@ -168,9 +166,9 @@ class _Scattered(NamedTuple):
         kept = np.tril(inverse_of_product(factor, lower=True)[0])
         kept = kept + np.tril(kept, -1).T
         lost = np.eye(len(kept)) - kept
-        of_mean = Statistics(lost / np.outer(root, root), (kept @ (root * log.score)) / root)
-        covariance = kept * np.outer(root, root)
-        return cls(of_mean, covariance @ log.score, covariance, lost * root[:, None] / root)
+        self.of_mean = Statistics(lost / np.outer(root, root), (kept @ (root * log.score)) / root)
+        self.covariance: Array = kept * np.outer(root, root)
+        self.mean, self.follows = self.covariance @ log.score, lost * root[:, None] / root
 
 
 def log_likelihood_of(logs: Sequence[Statistics], tolerance: Array) -> float:

@@ -97,12 +97,12 @@ class Posterior:
                 absent[name] = absent.get(name, 1.0) * (1 - probability)
         return dict(sorted(((name, 1 - part) for name, part in absent.items()), key=lambda entry: -entry[1]))
 
-    def credible_set(self, component: Component, least: float = CREDIBLE) -> tuple[str, ...]:
-        """Return the smallest set of names that together have the probability `least` in a component, given that there
-        is an effect; empty if "nothing" has a probability above 1 - `least`."""
-        if component.nothing > 1 - least:
+    def credible_set(self, component: Component) -> tuple[str, ...]:
+        """Return the smallest set of names that together have the probability `CREDIBLE` in a component, given that
+        there is an effect; empty if "nothing" has a probability above 1 - `CREDIBLE`."""
+        if component.nothing > 1 - CREDIBLE:
             return ()
-        left, names = least * (1 - component.nothing), []
+        left, names = CREDIBLE * (1 - component.nothing), []
         for name, probability in self.probabilities(component).items():
             names.append(name)
             left -= probability

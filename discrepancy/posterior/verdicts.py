@@ -88,11 +88,6 @@ def verdict_of(answers: Sequence[Answer]) -> Verdict:
     return "negligible" if answers else "no discrepancy"
 
 
-def explains_better(before: Seen, after: Seen, material: Material) -> bool:
-    """Whether logs are likelier by what a credible set needs, or their gap is smaller by what matters."""
-    return after.log_evidence - before.log_evidence > LOG_ODDS or gap_shrinks(before, after, material)
-
-
 def gap_shrinks(before: Seen, after: Seen, material: Material) -> bool:
     """Whether the gap is smaller by what matters, in position or in heading."""
     if before.gap is None or after.gap is None:
@@ -257,8 +252,9 @@ class _HeldOut:
 
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""
-        ratio = self._about_without(self.named)
-        return explains_better(self.without, self.with_named, material) or (ratio is not None and ratio > LOG_ODDS)
+        gained, ratio = self.with_named.log_evidence - self.without.log_evidence, self._about_without(self.named)
+        likelier = gained > LOG_ODDS or (ratio is not None and ratio > LOG_ODDS)
+        return likelier or gap_shrinks(self.without, self.with_named, material)
 
     def _sized(self, answer: Answer) -> Sized:
         """Return the effect of an answer as it is in the model."""
@@ -278,8 +274,7 @@ class _HeldOut:
         return self._log_ratio(size, self.without.logs) if explained * SIGNATURE**2 < 1 else None
 
     def _log_ratio(self, size: Array, logs: Sequence[Statistics]) -> float:
-        statistics = self.order.beyond(agreeing(logs, self.with_named.lasting))
-        return float(statistics.score @ size - size @ statistics.information @ size / 2)
+        return self.order.beyond(agreeing(logs, self.with_named.lasting)).gain(size)
 
 
 def _log_density(away: Array, covariance: Array) -> float:

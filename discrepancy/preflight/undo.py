@@ -6,7 +6,6 @@ else that they do. Other mistakes that effects explain are put into the robot.
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,21 +23,26 @@ from estimators.likelihood.channels import Channels
 Logs = Mapping[str, Log]
 
 
-@dataclass(frozen=True)
 class Undone:
-    """Logs with their wiring undone, and what was found in them before.
+    """Logs with their gross mistakes undone, and what was found in them before.
 
     described: the robot as it was given. robot, good: of logs and of clean logs, with gross mistakes that are not of
     wiring.
     """
 
-    described: RobotDescription
-    checked: Preflight
-    robot: RobotDescription
-    good: RobotDescription
-    logs: dict[str, Log]
-    held_out: dict[str, Log]
-    clean: dict[str, Log]
+    def __init__(self, robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> None:
+        """Raise InputError for mistakes that cannot be undone."""
+        found = []
+        for given in (logs, held_out, clean):
+            check_logs(given)
+            found.append(preflight(robot, list(given.values()), list(given)).serious if given else Preflight())
+        for result in found:
+            if result.fatal:
+                raise InputError("; ".join(mistake.what for mistake in result.mistakes))
+        self.described, (self.checked, _, good) = robot, found
+        self.robot, self.good = _mended(robot, self.checked), _mended(robot, good)
+        self.logs, self.held_out = (_straight(robot, self.checked, given) for given in (logs, held_out))
+        self.clean = _straight(robot, good, clean)
 
     def found(self, named: Sequence[Effect]) -> RobotDescription | None:
         """Return the robot as its file is written: with gross mistakes that are certain, and the effects named."""
@@ -46,20 +50,6 @@ class Undone:
         wiring = [effect for effect in sure if effect.wiring]
         effects = [*(effect for effect in sure if not effect.wiring), *named, *wiring]
         return self.described.with_effects(*effects) if effects else None
-
-
-def undo(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Undone:
-    """Return logs with their gross mistakes undone; raises InputError for such as cannot be undone."""
-    found = []
-    for given in (logs, held_out, clean):
-        check_logs(given)
-        found.append(preflight(robot, list(given.values()), list(given)).serious if given else Preflight())
-    for result in found:
-        if result.fatal:
-            raise InputError("; ".join(mistake.what for mistake in result.mistakes))
-    checked, _, good = found
-    straight = (_straight(robot, *each) for each in ((checked, logs), (checked, held_out), (good, clean)))
-    return Undone(robot, checked, _mended(robot, checked), _mended(robot, good), *straight)
 
 
 def _mended(robot: RobotDescription, checked: Preflight) -> RobotDescription:

@@ -80,14 +80,13 @@ def _logs(data: Data) -> str:
 
 
 def _card(data: Data, answer: Data) -> Data:
-    reason = sentences.reason_of(data, answer) if answer["verdict"] != "named" else ""
     rows = {
         "probability": sentences.percent(answer["probability"]),
         "the same here": sentences.same_of(data, answer),
         "or else": sentences.listed(sentences.others_of(data, answer)),
         "reads too much by" if answer["curve"] else "size (95 %)": sentences.size_of(answer),
         "costs": sentences.cost_of(answer),
-        "not named, because": reason.partition("; nearest")[0],
+        "not named, because": sentences.reason_of(data, answer).partition("; nearest")[0],
         "nearest in the catalogue": sentences.nearest_of(answer),
         "a drive that would distinguish them": sentences.drive_of(answer),
         "to check": answer["check"],

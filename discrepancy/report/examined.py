@@ -9,13 +9,13 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.discriminating_drive import SeparatingDrive
-from discrepancy.posterior.finder import Diagnosis
+from discrepancy.posterior.finder import RobotDiagnosis
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.preflight.undo import Undone
 from discrepancy.report import answers, pictures, plain_data, sentences
 from discrepancy.report.parts import names_apart
 from discrepancy.report.plain_data import Data
-from discrepancy.report.traces import Errors, along_the_way, traces_of
+from discrepancy.report.traces import Errors, Traces, along_the_way
 from discrepancy.validation.replay import Replay
 
 Replays = tuple[Replay, Replay | None]
@@ -56,7 +56,7 @@ class Fit:
         """Return where most slip is left: its channel, time and place, of the log that has most."""
         robot, seen = self.best
         worst = [
-            {"log": name, **traces_of(robot, log, state).worst()}
+            {"log": name, **Traces(robot, log, state).worst()}
             for (name, log), state in zip(self.logs.items(), seen.state.states, strict=True)
         ]
         return max(worst, key=lambda entry: entry["most_slip_m"])
@@ -65,7 +65,7 @@ class Fit:
         """Return maps of slip in the log with this name: over time and, if there is a reference, on the floor."""
         k, called = list(self.logs).index(name), f"{names_apart(self.logs)[name]}: " if len(self.logs) > 1 else ""
         plain, *mended = (
-            traces_of(robot, self.logs[name], seen.state.states[k])
+            Traces(robot, self.logs[name], seen.state.states[k])
             for robot, seen in ((self.nominal, self.before), (self.explained, self.after))
             if seen is not None
         )
@@ -92,7 +92,7 @@ class Examined:
     def of(
         cls,
         undone: Undone,
-        diagnosis: Diagnosis[RobotDescription, Linearised],
+        diagnosis: RobotDiagnosis,
         seen: Mapping[str, Fit],
         drives: Sequence[SeparatingDrive | None],
     ) -> "Examined":

@@ -1,13 +1,12 @@
 """A diagnosis by posterior as plain data."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue
-from castor_envs.logs.log import Log
 from discrepancy.discriminating_drive import SeparatingDrive
 from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
@@ -15,13 +14,13 @@ from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.model.dimensions import Dimension
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
+from discrepancy.preflight.undo import Logs
 from estimators.calibration.identifiability import COVERAGE
 
 FORMAT = "castor-diagnosis/2"
 
 Data = dict[str, Any]
 Pair = tuple[Any, Any]
-Logs = Mapping[str, Log]
 
 
 def as_data(
@@ -56,7 +55,7 @@ def as_data(
 
 def answer_data(answer: Answer) -> Data:
     """Return an answer as plain data; of an effect of a train's module, with its axle (from 1)."""
-    effect = answer.effect
+    effect, axle = answer.effect, getattr(answer.candidate, "axle", None)
     sized = effect is not None and not effect.binary
     return {
         "verdict": answer.verdict,
@@ -66,7 +65,7 @@ def answer_data(answer: Answer) -> Data:
         "probabilities": {name: min(part, 1.0) for name, part in answer.probabilities.items()},
         "credible_set": list(answer.credible),
         "same_as": list(answer.alike),
-        "effect": None if effect is None else asdict(effect) | _axle(answer),
+        "effect": None if effect is None else asdict(effect) | ({} if axle is None else {"axle": axle}),
         "size": answer.size,
         "unit": effect.unit if effect is not None and sized else None,
         "interval": [answer.size - COVERAGE * answer.error, answer.size + COVERAGE * answer.error],
@@ -86,11 +85,7 @@ def dimension_data(dimension: Dimension) -> Data:
 
 def drive_data(drive: SeparatingDrive) -> Data:
     """Return a drive as plain data."""
-    return {
-        "drive": drive.what,
-        "expected_log_bayes_factor": drive.expected,
-        "duration_s": drive.trajectory.duration,
-    }
+    return {"drive": drive.what, "expected_log_bayes_factor": drive.expected, "duration_s": drive.trajectory.duration}
 
 
 def _curve(learned: Learned) -> Data:
@@ -107,11 +102,6 @@ def _curve(learned: Learned) -> Data:
         "high": (values + COVERAGE * error).tolist(),
         "nearest": nearest,
     }
-
-
-def _axle(answer: Answer) -> Data:
-    axle = getattr(answer.candidate, "axle", None)
-    return {} if axle is None else {"axle": axle}
 
 
 def _mistake(mistake: Mistake) -> Data:

@@ -58,7 +58,7 @@ def as_lines(data: Data) -> list[str]:
         size, check = size_of(answer), answer["check"]
         told = f"{answer['verdict']}: {answer['what']}, {percent(answer['probability'])} sure"
         below = {
-            "": reason_of(data, answer) if answer["verdict"] != "named" else "",
+            "": reason_of(data, answer),
             "the same on this robot, whatever it does: ": same_of(data, answer),
             "or: ": listed(others_of(data, answer)),
             "to distinguish them, drive ": drive_of(answer),
@@ -176,7 +176,9 @@ def same_of(data: Data, answer: Data) -> str:
 
 
 def reason_of(data: Data, answer: Data) -> str:
-    """Return why an answer is not named, in words."""
+    """Return why an answer is not named, in words; nothing of one that is."""
+    if answer["verdict"] == "named":
+        return ""
     names, credible = data["names"], answer["credible_set"]
     if answer["verdict"] == "ambiguous" and credible:
         return f"these motions cannot distinguish: {'; '.join(names.get(name, name) for name in credible)}"

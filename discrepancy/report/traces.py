@@ -1,6 +1,5 @@
 """A log's motion, errors and slip over time and on the floor: for pictures, and to locate the discrepancy."""
 
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +20,6 @@ class Errors(NamedTuple):
     off: Array
 
 
-@dataclass(frozen=True, eq=False)
 class Traces:
     """One log, as a robot's description explains it.
 
@@ -30,12 +28,20 @@ class Traces:
     misses perfect rolling in a window, m, added up with its sign.
     """
 
-    path: Array
-    posed: bool
-    channels: tuple[str, ...]
-    middle: Array
-    place: Array
-    slip: Array
+    def __init__(self, robot: RobotDescription, log: Log, state: Array) -> None:
+        """robot: with its effects. state (K, m): what truly happened, as `LogLikelihood` has it."""
+        geometry, w, castors = Geometry.of(robot.as_built()), len(robot.wheels), robot.wheel_castors
+        model = LogLikelihood(geometry, log)
+        starts = np.searchsorted(log.t, np.arange(log.t[0], log.t[-1] - WINDOW / 2, WINDOW) - 1e-9)
+        edges = np.unique(np.append(starts if len(starts) else [0], len(log) - 1))
+        self.path, self.posed = state[:, :2], model.poses > 0
+        self.middle = (log.t[edges[:-1]] + log.t[edges[1:]]) / 2
+        self.place = np.column_stack([np.interp(self.middle, log.t, state[:, axis]) for axis in (0, 1)])
+        self.slip = np.add.reduceat(model.residuals(geometry, state), edges[:-1], axis=0)
+        self.channels = tuple(
+            f"wheel {robot.wheel_names[k]} rolling" if k < w else f"castor {castors[k - w] + 1} side slip"
+            for k in model.rows.tolist()
+        )
 
     def worst(self) -> dict[str, Any]:
         """Return where most slip is, plain data for JSON: its channel, time and place."""
@@ -52,30 +58,10 @@ class Traces:
         }
 
 
-def traces_of(robot: RobotDescription, log: Log, state: Array) -> Traces:
-    """Return the traces of a log.
-
-    robot: with its effects. state (K, m): what truly happened, as `LogLikelihood` has it.
-    """
-    geometry = Geometry.of(robot.as_built())
-    model = LogLikelihood(geometry, log)
-    starts = np.searchsorted(log.t, np.arange(log.t[0], log.t[-1] - WINDOW / 2, WINDOW) - 1e-9)
-    edges = np.unique(np.append(starts if len(starts) else [0], len(log) - 1))
-    middle = (log.t[edges[:-1]] + log.t[edges[1:]]) / 2
-    place = np.column_stack([np.interp(middle, log.t, state[:, axis]) for axis in (0, 1)])
-    slip = np.add.reduceat(model.residuals(geometry, state), edges[:-1], axis=0)
-    w, castors = len(robot.wheels), robot.wheel_castors
-    channels = tuple(
-        f"wheel {robot.wheel_names[k]} rolling" if k < w else f"castor {castors[k - w] + 1} side slip"
-        for k in model.rows.tolist()
-    )
-    return Traces(state[:, :2], model.poses > 0, channels, middle, place, slip)
-
-
 def along_the_way(log: Log, state: Array, clock: Array, off: Array) -> Errors:
     """Return errors of odometry at a log's reference poses (k, 3), with the way driven until these.
 
-    state (K, m): as in `traces_of`; the way is its way. clock: of the reference, as in `replay`.
+    state (K, m): as in `Traces`; the way is its way. clock: of the reference, as in `replay`.
     """
     rows = np.zeros(0, dtype=np.intp) if log.reference is None else np.flatnonzero(np.isfinite(log.reference[:, 0]))
     taken = log.t[rows] + clock[0] + clock[1] * (log.t[rows] - log.t[0])

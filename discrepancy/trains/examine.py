@@ -1,22 +1,19 @@
 """From logs of a train to a report: the posterior, the residuals without and with the named effects, and the page."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import file_name
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.report.examined import Examined
-from discrepancy.report.plain_data import as_data
+from discrepancy.report.plain_data import Logs, as_data
 from discrepancy.trains.linearise import Linearised, linearise
 from discrepancy.trains.posterior import diagnose_train
 from discrepancy.validation.sufficient import check_logs
 from estimators.likelihood.trains.states import equations_of
-
-Logs = Mapping[str, Log]
 
 
 def examine_train(

@@ -14,10 +14,11 @@ from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import Answer, Cause, Place
+from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.model.named_together import Asked, asked, named_together
-from discrepancy.posterior.model.refit import Sized, sizes_of, with_effects
-from discrepancy.posterior.priors import fault_scales, hypothesis_of, order_of
+from discrepancy.posterior.model.refit import Effects, Sized, sizes_of, with_effects
+from discrepancy.posterior.priors import hypothesis_of, order_of, tolerances
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, verdict_of
 from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals
@@ -71,7 +72,7 @@ def diagnose_train(
 
 def _named(
     train: TrainDescription, first: Linearised, good: Linearised | None
-) -> tuple[tuple[Sized, ...], Linearised, Posterior, list[Answer]]:
+) -> tuple[Effects, Linearised, Posterior, list[Answer]]:
     """Return the effects that logs name, the statistics beside these, and the answers."""
 
     def look(named: Sequence[Sized], start: Linearised, among: Sequence[Cause] | None) -> Linearised:
@@ -121,7 +122,7 @@ def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
     which they were tried.
     """
     names = [candidate.family for candidate in seen.candidates]
-    places, scale = [Place(k, 0.0) for k in range(len(names))], fault_scales(seen)
+    places, scale = [Place(k, 0.0) for k in range(len(names))], FAULT * tolerances(seen)
     pairs = zip(places, names, strict=True)
     return [hypothesis_of(seen, place, name, 1 / names.count(name), scale) for place, name in pairs], places
 

@@ -34,17 +34,14 @@ def drive(
     same with and without effects. rounded: False gives counts before they are rounded and pivots unwrapped; what the
     controller hears is rounded all the same, so that the run is the same.
     """
-    built, geometry, period = Geometry.of(robot.as_built()), Geometry.of(robot.as_described()), robot.sample_period
+    described, built, period = robot.as_described(), Geometry.of(robot.as_built()), robot.sample_period
     phases, starts = (np.random.default_rng([seed, k]) for k in (2, 3))
     phase = Encoders.random_phase(built, phases)
+    geometry = Geometry.of(described)
     start = trailing_angles(geometry, motion.runs[0].legs[0].motion) + starts.uniform(-0.5, 0.5, geometry.n_castors)
     start = wrap(start)  # as an absolute encoder is read from its first count on
     world = RobotWorld(robot, floor or Floor(), castor_angles=start)
-    encoders, read, controller = (
-        Encoders(built, phase),
-        sensor_model_of(robot),
-        KinematicController(robot.as_described()),
-    )
+    encoders, read, controller = Encoders(built, phase), sensor_model_of(robot), KinematicController(described)
 
     rows = round(duration / period) + 1
     t, w = np.arange(rows) * np.float64(period), len(robot.wheels)

@@ -18,9 +18,10 @@ from castor_envs.files import read_json, remove_leftovers
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.csv import read_log, write_log
 from castor_envs.logs.log import Log
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.measurement.gap import path_without_reference
+from discrepancy.measurement.fit_states import fit_states
 from discrepancy.trials.cases import BOUNDS, Case, hide, motion, setting
 from discrepancy.trials.folder import LOGS, Settings, Task, label_file, name_of
 from discrepancy.trials.generators import Generator, generator
@@ -30,6 +31,8 @@ from discrepancy.trials.said import Said, say
 from discrepancy.trials.strength.solve_size import Strength, TrialRun, solve_size
 from discrepancy.validation.cost import apart, rms_of
 from discrepancy.validation.sufficient import redundancy
+from estimators.likelihood.creep_prediction import LEAST_NOISE
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 DURATION = 60.0
 CLEAN = 3
@@ -207,8 +210,13 @@ def _gap(said: Said, robot: RobotDescription, held_out: Log, path: Array) -> dic
     if not said.effects or any(effect.wiring for effect in said.effects):
         return None
     real = robot.with_effects(*(effect for effect in said.effects if not isinstance(effect, SampleJitter)))
-    paths = (path_without_reference(vehicle, held_out) for vehicle in (robot, real))
-    before, after = (rms_of([apart(path, most_likely)]) for most_likely in paths)
+    blind = dataclasses.replace(held_out, reference=None)
+    off = []
+    for vehicle in (robot, real):
+        model = LogLikelihood(Geometry.of(vehicle.as_built()), blind)
+        at, *_ = fit_states(vehicle, [model], [blind], None, None, LEAST_NOISE)
+        off.append(rms_of([apart(path, at.states[0][:, :3])]))
+    before, after = off
     return None if before is None or after is None else {"before": before, "after": after}
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from castor_envs.effects.catalogue import EFFECTS, catalogue
-from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.diagnose import diagnosed, examined
@@ -17,14 +16,12 @@ from discrepancy.hypotheses.candidates import family_of
 from discrepancy.posterior.answers import Answer, Verdict
 from discrepancy.posterior.verdicts import WEAKEST_FIRST
 from discrepancy.preflight import Mistake
-from discrepancy.preflight.undo import undo
+from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined
 from discrepancy.report.sentences import as_lines
 from discrepancy.trials.hidden import class_of
 from discrepancy.validation.cost import cost_of
 from estimators.calibration.identifiability import COVERAGE
-
-Logs = Mapping[str, Log]
 
 QUIET = ("negligible", "no discrepancy")
 """Verdicts that are no alarm."""
@@ -120,7 +117,7 @@ class Said:
 
 def say(robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs) -> Said:
     """Return the finder's answer for a robot, its logs, held-out logs and clean logs, by their names."""
-    undone = undo(robot, logs, held_out, clean)
+    undone = Undone(robot, logs, held_out, clean)
     diagnosis = diagnosed(undone)
     report(examined(undone, diagnosis))
     return in_classes(robot, logs, undone.checked.mistakes, diagnosis.answers)

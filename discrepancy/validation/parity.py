@@ -15,8 +15,6 @@ one step too long and the next too short. So an error of half a percent of a rad
 samples, is nine times the rounding in sums over a second (`Parity.rolling_drift`).
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -35,9 +33,9 @@ BLIND = (
 )
 
 
-@dataclass(frozen=True, eq=False)
 class Parity:
-    """The parity residual of one log, of each row in use. All lengths in m, a sample.
+    """The parity residual of one log, of each row in use: its misfit to the motion of a rigid body on the wheels of a
+    robot. All lengths in m, a sample.
 
     redundancy: number of rows beyond the unknowns of the motion; at 0 no error is visible. residual (N - 1, rows):
     after least squares with equal weights. moving (N - 1,): whether any count changed. rounding (rows,): the rms that
@@ -48,36 +46,25 @@ class Parity:
     alone can explain.
     """
 
-    rows: Rows
-    redundancy: int
-    residual: Array
-    moving: NDArray[np.bool_]
-    rounding: Array
-    window: int
-    drift: Array
-    explained: Array
+    def __init__(self, robot: RobotDescription, log: Log) -> None:
+        geometry = Geometry.of(robot)
+        steps = Windows(geometry, log.wheel, log.pivot)
+        self.rows, self.redundancy, self.residual = steps.used, steps.redundancy, steps.left
+        self.moving = np.any(np.diff(np.column_stack([log.wheel, log.pivot]), axis=0), axis=1)
+        left = np.eye(len(self.rows.place)) - steps.rows @ steps.inverse
+        start, end = np.moveaxis(left[:, None] @ np.swapaxes(steps.by_counts(), 1, 2), 1, 0)
+        self.rounding = _rms(np.sqrt(np.sum(start**2 + end**2, axis=-1) / 12)[self.moving])
+        self.window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(steps.left) // WINDOWS)
+        self.drift, self.explained = np.zeros(len(self.rows.place)), np.zeros(geometry.n_castors)
+        if self.window:
+            second = Windows(geometry, log.wheel[::2], log.pivot[::2]).left
+            self.drift = _drift(steps.left, second, self.moving, start, end, self.window)
+            self.explained = _explained(steps.left, left, self.rows, self.window, geometry.n_castors)
 
     @property
     def rms(self) -> Array:
         """The rms (rows,) while moving, m; 0 for a log without motion."""
         return _rms(self.residual[self.moving])
-
-
-def parity_residual(robot: RobotDescription, log: Log) -> Parity:
-    """Return the misfit of a log to the motion of a rigid body on the wheels of `robot`."""
-    geometry = Geometry.of(robot)
-    steps = Windows.of(geometry, log.wheel, log.pivot)
-    rows, moving = steps.used, np.any(np.diff(np.column_stack([log.wheel, log.pivot]), axis=0), axis=1)
-    left = np.eye(len(rows.place)) - steps.rows @ steps.inverse
-    start, end = np.moveaxis(left[:, None] @ np.swapaxes(steps.by_counts(), 1, 2), 1, 0)
-    rounding = _rms(np.sqrt(np.sum(start**2 + end**2, axis=-1) / 12)[moving])
-    window = min(max(round(WINDOW / float(np.median(np.diff(log.t)))), 1), len(steps.left) // WINDOWS)
-    drift, explained = np.zeros(len(rows.place)), np.zeros(geometry.n_castors)
-    if window:
-        second = Windows.of(geometry, log.wheel[::2], log.pivot[::2]).left
-        drift = _drift(steps.left, second, moving, start, end, window)
-        explained = _explained(steps.left, left, rows, window, geometry.n_castors)
-    return Parity(rows, steps.redundancy, steps.left, moving, rounding, window, drift, explained)
 
 
 def _drift(residual: Array, second: Array, moving: NDArray[np.bool_], start: Array, end: Array, window: int) -> Array:

@@ -130,20 +130,6 @@ class Replay:
         }
 
 
-class _Measured(NamedTuple):
-    """A log on an even clock. t (K,). true (K, w + n): angles of wheels and castors, as estimated from the encoders,
-    rad, unwrapped; read: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering (K, driven
-    castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
-
-    t: Array
-    true: Array
-    read: Array
-    twist: Array
-    command: Array | None
-    steering: Array | None
-    unbroken: NDArray[np.bool_]
-
-
 class _Window(NamedTuple):
     """start, end: s. first, last (3,): poses of the body at both by the reference, NaN where one is unknown."""
 
@@ -175,8 +161,8 @@ def replay(
     if window <= 0:
         raise ValueError(f"a window lasts more than 0 s, got {window}")
     window = min(window, float(log.t[-1] - log.t[0]) / 2)
-    measured = _measured_in(robot, log)
-    drive, notes = _drive(robot, measured)
+    measured = _Measured(robot, log)
+    drive, notes = measured.drive(robot)
     windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
     if not windows:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
@@ -185,7 +171,7 @@ def replay(
     if like is not None:
         taken_over = zip(like.motion, like.wheels, like.pivots, like.handed_on, strict=True)
         known = [None if again else run for run, again in zip(taken_over, np.asarray(anew), strict=True)]
-    runs = list(_runs(robot, measured, drive, windows, known))
+    runs = list(_Simulation(robot, measured, drive).runs(windows, known))
     motion, wheels, pivots = (np.array([run[k] for run in runs]) for k in range(3))
     return Replay(
         drive=drive,
@@ -213,47 +199,6 @@ def joined(replays: Sequence[Replay]) -> Replay:
         handed_on=tuple(window for part in replays for window in part.handed_on),
         **{name: np.concatenate([getattr(part, name) for part in replays]) for name in arrays},
     )
-
-
-def _drive(robot: RobotDescription, measured: _Measured) -> tuple[Drive, list[str]]:
-    """Return how to drive, and notes about it."""
-    if measured.command is None:
-        return "counts", ["the log has no commands: wheels turn as their encoders counted"]
-    if robot.driven_castors and measured.steering is None:
-        return "commands", ["the log has no steering commands: steering motors follow the pivots' counts"]
-    return "commands", []
-
-
-def _measured_in(robot: RobotDescription, log: Log) -> _Measured:
-    """Return a log of a robot with its effects on an even clock; raises InputError for castors without an encoder."""
-    described, geometry, w = Geometry.of(robot.as_described()), Geometry.of(robot.as_built()), len(robot.wheels)
-    blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
-    if blind.size:
-        raise InputError(f"castor {blind[0] + 1} turns but has no pivot encoder: where it starts is not measured")
-    period = float(np.median(np.diff(log.t)))
-    t = log.t[0] + period * np.arange(int((log.t[-1] - log.t[0]) / period + 1e-3) + 1)
-    driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
-    seen = np.column_stack([np.zeros((len(log), w)), np.unwrap(castor_angles(described, log.pivot), axis=0)])
-    seen[:, driven] = log.wheel * (2 * np.pi / described.counts_per_rev[driven])
-    read = np.column_stack([np.interp(t, log.t, column) for column in seen.T])
-    read[:, w:][:, sensed] -= 2 * np.pi * np.round(read[0, w:][sensed] / (2 * np.pi))  # within half a turn of 0
-
-    # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated at
-    # the smoothed angles.
-    sensing = _Sensing(robot)
-    plain = true = sensing.undone(t, read)
-    for _ in range(2):
-        about = _smooth(true)
-        true = plain - (sensing.undone(t, sensing.read(t, about)) - about)
-    rates = np.gradient(_smooth(true), t, axis=0)
-    twist = forward(geometry, true[:, w:], rates[:, w:], rates[:, :w])
-    before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
-    command, steering = (
-        None if part is None or not np.isfinite(part).any() else part[before]
-        for part in (log.command, log.steering_command if len(robot.driven_castors) else None)
-    )
-    unbroken = np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period
-    return _Measured(t, true, read, twist, command, steering, unbroken)
 
 
 def _smooth(angle: Array) -> Array:
@@ -285,6 +230,51 @@ class _Sensing:
             if effect.wiring:  # done twice, it is undone
                 wheel, castor = readings(plain.with_effects(effect), t, wheel, castor)
         return np.column_stack([wheel, castor])
+
+
+class _Measured:
+    """A log on an even clock. t (K,). true (K, w + n): angles of wheels and castors, as estimated from the encoders,
+    rad, unwrapped; read: as the encoders read them. twist (K, 3). command (K, driven wheels) and steering (K, driven
+    castors): rad/s, or None. unbroken (K - 1,): steps that are in no gap (`GAP`) of the log."""
+
+    def __init__(self, robot: RobotDescription, log: Log) -> None:
+        """robot: with its effects. Raise InputError for castors without an encoder."""
+        described, geometry, w = Geometry.of(robot.as_described()), Geometry.of(robot.as_built()), len(robot.wheels)
+        blind = np.flatnonzero(~geometry.fixed & np.isnan(geometry.pivot_counts_per_rev))
+        if blind.size:
+            raise InputError(f"castor {blind[0] + 1} turns but has no pivot encoder: where it starts is not measured")
+        period = float(np.median(np.diff(log.t)))
+        t = log.t[0] + period * np.arange(int((log.t[-1] - log.t[0]) / period + 1e-3) + 1)
+        driven, sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
+        seen = np.column_stack([np.zeros((len(log), w)), np.unwrap(castor_angles(described, log.pivot), axis=0)])
+        seen[:, driven] = log.wheel * (2 * np.pi / described.counts_per_rev[driven])
+        read = np.column_stack([np.interp(t, log.t, column) for column in seen.T])
+        read[:, w:][:, sensed] -= 2 * np.pi * np.round(read[0, w:][sensed] / (2 * np.pi))  # within half a turn of 0
+
+        # Encoder readings are true but for the robot's effects; effects that cannot be inverted are small and evaluated
+        # at the smoothed angles.
+        sensing = _Sensing(robot)
+        plain = true = sensing.undone(t, read)
+        for _ in range(2):
+            about = _smooth(true)
+            true = plain - (sensing.undone(t, sensing.read(t, about)) - about)
+        rates = np.gradient(_smooth(true), t, axis=0)
+        self.twist = forward(geometry, true[:, w:], rates[:, w:], rates[:, :w])
+        before = np.searchsorted(log.t, t + 1e-3 * period, side="right") - 1
+        self.command, self.steering = (
+            None if part is None or not np.isfinite(part).any() else part[before]
+            for part in (log.command, log.steering_command if len(robot.driven_castors) else None)
+        )
+        self.unbroken = np.diff(log.t)[np.minimum(before[:-1], len(log) - 2)] < GAP * period
+        self.t, self.true, self.read = t, true, read
+
+    def drive(self, robot: RobotDescription) -> tuple[Drive, list[str]]:
+        """Return how to drive a robot, and notes about it."""
+        if self.command is None:
+            return "counts", ["the log has no commands: wheels turn as their encoders counted"]
+        if robot.driven_castors and self.steering is None:
+            return "commands", ["the log has no steering commands: steering motors follow the pivots' counts"]
+        return "commands", []
 
 
 def _windows(
@@ -349,77 +339,63 @@ _Run = tuple[Array, Array, Array, HandedOn]
 on to the next window."""
 
 
-def _runs(
-    robot: RobotDescription,
-    measured: _Measured,
-    drive: Drive,
-    windows: list[_Window],
-    known: Sequence[_Run | None],
-) -> Iterator[_Run]:
-    """Yield the run of each window; those `known` already are not simulated unless the one before was, from which they
-    go on."""
-    t = measured.t
-    period = float(t[1] - t[0])
-    plant, handed_on, simulated = _Plant(robot, period, measured, drive), HandedOn(), False
-    excess = _Excess(robot, measured)
-    for window, before in zip(windows, known, strict=True):
-        if before is not None and not simulated:
-            handed_on = before[3]
-            yield before
-            continue
-        simulated = before is None
-        first, last = _samples(t, window)
-        pose = np.where(np.isfinite(window.first), window.first, 0.0)
-        if first not in handed_on:
-            start = max(0, first - round(WARM_UP / period))
-            world = plant.started(start, pose, measured.twist[start])
-            for k in range(start, first):
-                plant.advance(world, k)
-            handed_on = {first: _moving(world)}
-        twist, wheels = handed_on[first]
-        world = plant.started(first, pose, twist)
-        for part in HANDED_ON:
-            world.wheels[part] = wheels[part]
-        states, handed_on = [], {}
-        for k in range(first, last + 1):
-            states.append((world.pose, np.concatenate([world.wheel_angles, world.castor_angles])))
-            if k >= last - 1:  # the next window begins at one of these
-                handed_on[k] = _moving(world)
-            if k < last:
-                plant.advance(world, k)
-        poses, angles = (np.array(part) for part in zip(*states, strict=True))
-        began, ended = (_at(poses, (time - t[first]) / period) for time in (window.start, window.end))
-        yield relative_pose(began, ended), *excess.of(first, angles), handed_on
+class _Simulation:
+    """A robot that is driven as in a log, from any of its samples on, and what its encoders then read."""
 
-
-def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
-    """Return the body's twist (3,) and the wheels' records."""
-    return world.twist, world.wheels.copy()
-
-
-class _Plant:
-    """A robot that is driven as in a log, from any of its samples on."""
-
-    def __init__(self, robot: RobotDescription, period: float, measured: _Measured, drive: Drive) -> None:
-        self._parts = PARTS if drive == "counts" else 1
-        self._period = period / self._parts
+    def __init__(self, robot: RobotDescription, measured: _Measured, drive: Drive) -> None:
+        self._measured, self._drive, self._sensing = measured, drive, _Sensing(robot)
+        self._sample, self._parts = float(measured.t[1] - measured.t[0]), PARTS if drive == "counts" else 1
+        self._period = self._sample / self._parts
         self._world = RobotWorld(dataclasses.replace(robot, sample_period=self._period), Floor())
-        self._measured, self._drive = measured, drive
         self._driven, self._steered = np.array(robot.driven_wheels), np.array(robot.driven_castors, dtype=np.intp)
-        samples = np.arange(len(measured.t))
+        self._sensed, self._radius = list(robot.pivot_encoders), Geometry.of(robot.as_described()).radius
+        samples, self._w = np.arange(len(measured.t)), len(robot.wheels)
         parts = np.linspace(0, samples[-1], self._parts * samples[-1] + 1)
-        self._w = w = len(robot.wheels)
-        self._wheel = CubicSpline(samples, _smooth(measured.true[:, :w]))(parts)
-        self._castor = np.column_stack([np.interp(parts, samples, angle) for angle in measured.true[:, w:].T])
+        wheel, castor = np.split(measured.true, [self._w], axis=1)
+        self._wheel = CubicSpline(samples, _smooth(wheel))(parts)
+        self._castor = np.column_stack([np.interp(parts, samples, angle) for angle in castor.T])
 
-    def started(self, at: int, pose: Array, twist: Array) -> RobotWorld:
+    def runs(self, windows: Sequence[_Window], known: Sequence[_Run | None]) -> Iterator[_Run]:
+        """Yield the run of each window; those `known` already are not simulated unless the one before was, from which
+        they go on."""
+        t, handed_on, simulated = self._measured.t, HandedOn(), False
+        for window, before in zip(windows, known, strict=True):
+            if before is not None and not simulated:
+                handed_on = before[3]
+                yield before
+                continue
+            simulated = before is None
+            first, last = _samples(t, window)
+            pose = np.where(np.isfinite(window.first), window.first, 0.0)
+            if first not in handed_on:
+                start = max(0, first - round(WARM_UP / self._sample))
+                world = self._started(start, pose, self._measured.twist[start])
+                for k in range(start, first):
+                    self._advance(world, k)
+                handed_on = {first: _moving(world)}
+            twist, wheels = handed_on[first]
+            world = self._started(first, pose, twist)
+            for part in HANDED_ON:
+                world.wheels[part] = wheels[part]
+            states, handed_on = [], {}
+            for k in range(first, last + 1):
+                states.append((world.pose, np.concatenate([world.wheel_angles, world.castor_angles])))
+                if k >= last - 1:  # the next window begins at one of these
+                    handed_on[k] = _moving(world)
+                if k < last:
+                    self._advance(world, k)
+            poses, angles = (np.array(part) for part in zip(*states, strict=True))
+            began, ended = (_at(poses, (time - t[first]) / self._sample) for time in (window.start, window.end))
+            yield relative_pose(began, ended), *self._excess(first, angles), handed_on
+
+    def _started(self, at: int, pose: Array, twist: Array) -> RobotWorld:
         """Return the robot at a pose, its castors as at a sample, moving with a twist."""
         self._world.restart(self._measured.true[at, self._w :], pose, twist)
         if self._drive == "counts":
             self._world.wheels["inertia"][self._driven] = HEAVY
         return self._world
 
-    def advance(self, world: RobotWorld, k: int) -> None:
+    def _advance(self, world: RobotWorld, k: int) -> None:
         """Drive from sample k to the next."""
         log = self._measured
         for i in range(k * self._parts, (k + 1) * self._parts):
@@ -432,30 +408,26 @@ class _Plant:
                 world.wheels["speed"][self._driven] = rate
                 world.advance(rate, steering)
 
-
-def _at(poses: Array, sample: float) -> Array:
-    """Return the pose between samples."""
-    k = min(int(sample), len(poses) - 2)
-    return poses[k] + (sample - k) * (poses[k + 1] - poses[k])
-
-
-class _Excess:
-    """By how much simulated encoders read more than measured ones."""
-
-    def __init__(self, robot: RobotDescription, measured: _Measured) -> None:
-        self._measured, self._sensing = measured, _Sensing(robot)
-        self._w, self._radius = len(robot.wheels), Geometry.of(robot.as_described()).radius
-        self._driven, self._sensed = list(robot.driven_wheels), list(robot.pivot_encoders)
-
-    def of(self, first: int, angles: Array) -> tuple[Array, Array]:
-        """Return the excess of wheels (m) and pivots (rad) from sample `first` on, in angles as simulated (n, w + n),
-        those of wheels from 0 on."""
+    def _excess(self, first: int, angles: Array) -> tuple[Array, Array]:
+        """Return by how much simulated encoders of wheels (m) and pivots (rad) read more than measured ones from sample
+        `first` on, in angles as simulated (n, w + n), those of wheels from 0 on."""
         t, true, read, w = self._measured.t, self._measured.true, self._measured.read, self._w
         since = int(np.searchsorted(t, t[first] - REMEMBERED))
         simulated = np.concatenate([true[since:first], angles + np.pad(true[first, :w], (0, angles.shape[1] - w))])
         shown = self._sensing.read(t[since : since + len(simulated)], simulated)
         excess = (shown[-1] - shown[first - since]) - (read[since + len(simulated) - 1] - read[first])
         return (excess[:w] * self._radius)[self._driven], excess[w:][self._sensed]
+
+
+def _moving(world: RobotWorld) -> tuple[Array, NDArray[np.void]]:
+    """Return the body's twist (3,) and the wheels' records."""
+    return world.twist, world.wheels.copy()
+
+
+def _at(poses: Array, sample: float) -> Array:
+    """Return the pose between samples."""
+    k = min(int(sample), len(poses) - 2)
+    return poses[k] + (sample - k) * (poses[k + 1] - poses[k])
 
 
 def _root(squares: Array) -> float | None:

@@ -1,17 +1,14 @@
 """Body motion and what contradicts it in windows of a log, by counts alone."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.steps import Slip
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
-from castor_envs.motion.mobility import Rows, rows_in_use
+from castor_envs.motion.mobility import rows_in_use
 from castor_envs.sensors.encoders import castor_angles
 
 
-@dataclass(frozen=True, eq=False)
 class Windows:
     """Body motion and residuals of W windows by counts, by least squares with equal weights.
 
@@ -21,24 +18,12 @@ class Windows:
     body's motion, m and rad. left (W, R): residual of it, m. rolled (W, w): by each wheel, m.
     """
 
-    geometry: Geometry
-    used: Rows
-    weights: Array
-    rows: Array
-    arms: Array
-    sideways: Array
-    inverse: Array
-    moved: Array
-    left: Array
-    rolled: Array
-
-    @classmethod
-    def of(cls, geometry: Geometry, wheel: Array, pivot: Array, q: int = 1, slip: Slip | None = None) -> "Windows":
-        """Return the windows of q steps between counts wheel (N, driven wheels) and pivot (N, pivot encoders), with a
-        known slip of contacts (None: no slip)."""
+    def __init__(self, geometry: Geometry, wheel: Array, pivot: Array, q: int = 1, slip: Slip | None = None) -> None:
+        """wheel (N, driven wheels), pivot (N, pivot encoders): counts, of which q steps are a window. slip: of
+        contacts, if it is known."""
         used, windows = rows_in_use(geometry), (len(wheel) - 1) // q
         ends, driven = q * np.arange(windows + 1), np.flatnonzero(~np.isnan(geometry.counts_per_rev))
-        weights = np.ones(q + 1) / q
+        weights: Array = np.ones(q + 1) / q
         weights[[0, -1]] /= 2
         phi = np.zeros((len(wheel), len(geometry.radius)))
         phi[:, driven] = wheel * (2 * np.pi / geometry.counts_per_rev[driven])
@@ -53,10 +38,11 @@ class Windows:
             measured += slipped[: ends[-1]].reshape(windows, q, -1).sum(axis=1)
         # The matrix is a part that turns with the castors and one that stays; half a turn on, the first is reversed.
         opposite, quarter = (constraint_matrix(geometry, middle + by)[0][:, used.place] for by in (np.pi, np.pi / 2))
-        inverse = np.asarray(np.linalg.pinv(rows, rcond=1e-10), dtype=np.float64)
-        moved = np.einsum("wij,wj->wi", inverse, measured)
-        left = measured - np.einsum("wij,wj->wi", rows, moved)
-        return cls(geometry, used, weights, rows, arms, quarter - (rows + opposite) / 2, inverse, moved, left, rolled)
+        self.inverse = np.asarray(np.linalg.pinv(rows, rcond=1e-10), dtype=np.float64)
+        self.moved: Array = np.einsum("wij,wj->wi", self.inverse, measured)
+        self.left: Array = measured - np.einsum("wij,wj->wi", rows, self.moved)
+        self.geometry, self.used, self.weights, self.rows, self.arms = geometry, used, weights, rows, arms
+        self.sideways, self.rolled = quarter - (rows + opposite) / 2, rolled
 
     @property
     def redundancy(self) -> int:

@@ -21,7 +21,7 @@ from discrepancy.hypotheses.candidates import NUMBERS
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.model.refit import Sized, possible
+from discrepancy.posterior.model.refit import Effects, Sized, possible
 from discrepancy.posterior.priors import directions_in_model, order_of, same_effects, tolerances
 from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES
@@ -57,7 +57,7 @@ def dimensions_of(robot: RobotDescription, seen: Linearised) -> list[Sized]:
     ]
 
 
-def most_likely(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> tuple[Sized, ...]:
+def most_likely(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Effects:
     """Return dimensions of maximum-likelihood size; none where encoders contradict each other if one is wrong, where
     there is no reference, or where calibration finds nothing.
 

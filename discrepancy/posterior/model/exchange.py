@@ -11,6 +11,7 @@ from discrepancy.posterior.answers import Cause, Seen
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.model.refit import (
     CONVERGED,
+    Effects,
     Look,
     S,
     Sized,
@@ -37,7 +38,7 @@ def exchanged(
     odds: float = 0.0,
     same: Mapping[Cause, Sequence[Cause]] = MappingProxyType({}),
     displaced: Callable[[S], float] = lambda seen: 0.0,
-) -> tuple[tuple[Sized, ...], S] | None:
+) -> tuple[Effects, S] | None:
     """Return effects with which logs are likelier than with those in the model, and the statistics beside them; None if
     there are none.
 
@@ -105,9 +106,7 @@ def log_prior(effects: Sequence[Sized], seen: Seen) -> float:
     return total
 
 
-def _alternatives(
-    named: Sequence[Sized], large: Sequence[Cause], seen: Seen
-) -> Iterator[tuple[tuple[Sized, ...], float]]:
+def _alternatives(named: Sequence[Sized], large: Sequence[Cause], seen: Seen) -> Iterator[tuple[Effects, float]]:
     """Yield alternatives to the effects in the model, and the increase of the log evidence from which each is better:
     negative if it has an effect less."""
     if len(named) > 1:

@@ -15,6 +15,7 @@ from discrepancy.posterior.answers import Answer, Cause, Place, Seen, answers_of
 from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
 from discrepancy.posterior.model.exchange import exchanged, log_prior
 from discrepancy.posterior.model.refit import (
+    Effects,
     Look,
     S,
     Sized,
@@ -26,7 +27,7 @@ from discrepancy.posterior.model.refit import (
     sizes_of,
     statistics_of,
 )
-from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing, summed
+from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 
 LOOKS = 6
@@ -56,7 +57,7 @@ def named_together(
     first: S,
     begin: Sequence[Sized] = (),
     displaced: Callable[[S], float] = lambda seen: 0.0,
-) -> tuple[tuple[Sized, ...], S, Posterior, list[Answer]]:
+) -> tuple[Effects, S, Posterior, list[Answer]]:
     """Add the effects that the answers name to the model until the names stay the same; return these effects, the
     statistics beside them, the posterior and the answers.
 
@@ -127,14 +128,8 @@ def named_together(
 
 
 def _by_fits(
-    vehicle: Any,
-    look: Look[S],
-    named: Sequence[Sized],
-    answers: Sequence[Answer],
-    seen: S,
-    order: GoodOrder,
-    odds: float,
-) -> tuple[tuple[Sized, ...] | None, list[Answer]]:
+    vehicle: Any, look: Look[S], named: Effects, answers: Sequence[Answer], seen: S, order: GoodOrder, odds: float
+) -> tuple[Effects | None, list[Answer]]:
     """Return the answers on effects in the model that the posterior does not hold possible, as fits without each tell:
     of what wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return
     the effects without it instead.
@@ -154,19 +149,13 @@ def _by_fits(
         left = tuple(other for other in named if other is not effect)
         others, without = refitted(vehicle, look, named, left, seen)
         gain = max(seen.log_evidence - without.log_evidence, 0.0)
-        explained, beyond = (_gained(of, in_model, sizes_of(left, seen)) for of in statistics)
+        explained, beyond = (of.gain(in_model) - of.gain(sizes_of(left, seen)) for of in statistics)
         part = float(np.clip(beyond / explained, 0.0, 1.0)) if explained > 0 else 1.0
         log_odds = part * gain + log_prior([effect], seen) + odds
         if log_odds <= least:
             least, kept = log_odds, others
         told.append(_answer_by_fit(effect, float(log_odds), gain, seen))
     return kept, told
-
-
-def _gained(statistics: Statistics, size: Array, remaining: Array) -> float:
-    """Return how much log-likelihood sizes gain over the remaining ones."""
-    (first, second) = (float(statistics.score @ b - b @ statistics.information @ b / 2) for b in (size, remaining))
-    return first - second
 
 
 def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> Answer:
@@ -196,8 +185,7 @@ def _as_fitted(vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Se
     if not any(np.linalg.norm(by) > told[one.candidate].error for one, by in zip(there, changes, strict=True)):
         return list(answers)
     moved = [effect.moved(by) for effect, by in zip(there, changes, strict=True)]
-    statistics, change = statistics_of(there, seen), np.concatenate(changes)
-    gain = float(statistics.score @ change - change @ statistics.information @ change / 2)
+    gain = statistics_of(there, seen).gain(np.concatenate(changes))
     others = [effect for effect in named if effect not in there]
     found = fit_with(vehicle, look, (*moved, *others), seen)
     if found is not None and found.log_evidence > seen.log_evidence + gain - LOG_ODDS:
@@ -208,7 +196,7 @@ def _as_fitted(vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Se
     ]
 
 
-def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[tuple[Sized, ...]]:
+def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[Effects]:
     """Yield the effects of a model with one exchanged for an effect that these motions may not distinguish from it."""
     causes = _by_family(seen)
     for answer, k in itertools.product(answers, range(len(named))):
@@ -270,9 +258,9 @@ def by_formula(candidate: Cause, seen: Seen) -> tuple[Sized, float]:
     """Return a candidate beside the effects in the model in the size that the linear formula gives, and what it then
     explains of the log-likelihood."""
     none = Sized(candidate, np.zeros(candidate.columns))
-    information, score = statistics_of([none], seen)
-    effect = none.moved(np.asarray(np.linalg.lstsq(information, score, rcond=1e-9)[0], dtype=np.float64))
-    return effect, float(score @ effect.amplitudes - effect.amplitudes @ information @ effect.amplitudes / 2)
+    statistics = statistics_of([none], seen)
+    effect = none.moved(np.asarray(np.linalg.lstsq(*statistics, rcond=1e-9)[0], dtype=np.float64))
+    return effect, statistics.gain(effect.amplitudes)
 
 
 def _large(answers: Sequence[Answer]) -> list[Cause]:
@@ -320,7 +308,7 @@ def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_mod
     return [cause for cause in causes if cause in fitted] + [cause for cause in causes if cause not in fitted][:BESIDE]
 
 
-def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> tuple[Sized, ...]:
+def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> Effects:
     """Return the effects to put into the model: those that stay, and new effects that explain at least the part `least`
     of the deviance that the largest new effect explains. A smaller effect may only be the linearisation error of the
     largest."""

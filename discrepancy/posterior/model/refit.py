@@ -57,6 +57,9 @@ class Sized:
         return dataclasses.replace(self, amplitudes=amplitudes)
 
 
+Effects = tuple[Sized, ...]
+"""Effects in a model."""
+
 Look = Callable[[Sequence[Sized], S, Sequence[Cause] | None], S]
 """Returns the statistics of logs with effects in the model, of given candidates or of all (None). The second argument
 is an earlier result for similar effects, as starting point."""
@@ -99,13 +102,8 @@ def in_place_of(effect: Sized, rival: Cause, seen: Seen) -> Sized:
 
 
 def refitted(
-    vehicle: Any,
-    look: Look[S],
-    before: Sequence[Sized],
-    named: Sequence[Sized],
-    seen: S,
-    threshold: float = -np.inf,
-) -> tuple[tuple[Sized, ...], S]:
+    vehicle: Any, look: Look[S], before: Sequence[Sized], named: Sequence[Sized], seen: S, threshold: float = -np.inf
+) -> tuple[Effects, S]:
     """Return effects of maximum-likelihood size, and the statistics beside them, of their candidates only.
 
     before: effects that are in the model already, in which `seen` was computed; if others only come to these, and no
@@ -139,9 +137,7 @@ def refitted(
     return current, seen
 
 
-def _newton(
-    vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, threshold: float
-) -> tuple[tuple[Sized, ...], S]:
+def _newton(vehicle: Any, look: Look[S], current: Effects, seen: S, threshold: float) -> tuple[Effects, S]:
     """Return effects of sizes by Newton's method, each step of which makes the logs likelier; threshold: see
     `refitted`.
 
@@ -171,8 +167,8 @@ def _newton(
 
 
 def _stretched(
-    vehicle: Any, look: Look[S], current: tuple[Sized, ...], seen: S, before: Collection[Cause], gain: float
-) -> tuple[tuple[Sized, ...], S]:
+    vehicle: Any, look: Look[S], current: Effects, seen: S, before: Collection[Cause], gain: float
+) -> tuple[Effects, S]:
     """Return effects, those that were not in the model `before` of sizes multiplied by one of `STRETCHES` as often as
     that makes the logs likelier, by more than by a likelihood ratio of 19: what is less Newton's method finds, or logs
     do not tell. Each time it does, the next factor is the square of the last.
@@ -215,14 +211,8 @@ def statistics_of(effects: Sequence[Sized], seen: Seen) -> Statistics:
 
 
 def _nearer(
-    vehicle: Any,
-    look: Look[S],
-    least: float,
-    current: tuple[Sized, ...],
-    proposed: tuple[Sized, ...],
-    seen: S,
-    tries: int = HALVINGS,
-) -> tuple[tuple[Sized, ...], S] | None:
+    vehicle: Any, look: Look[S], least: float, current: Effects, proposed: Effects, seen: S, tries: int = HALVINGS
+) -> tuple[Effects, S] | None:
     """Return effects of the proposed sizes, or of sizes half as far from the current ones and so on, with which the log
     evidence exceeds `least`, and the statistics beside them; None if it does with none of as many as `tries`."""
     for _ in range(tries):
@@ -236,7 +226,7 @@ def _nearer(
     return None
 
 
-def fit_with(vehicle: Any, look: Look[S], effects: tuple[Sized, ...], seen: S) -> S | None:
+def fit_with(vehicle: Any, look: Look[S], effects: Effects, seen: S) -> S | None:
     """Return the statistics beside these effects, of their candidates only; None if they do not fit at all."""
     if possible(vehicle, effects):
         with suppress(np.linalg.LinAlgError, InputError):

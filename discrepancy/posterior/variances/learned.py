@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import expit
 
 from castor_envs.effects.encoders import LearnedTerm, Of
@@ -18,10 +17,10 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, described, encoder_name
-from discrepancy.posterior.answers import Answer, Learned
+from discrepancy.posterior.answers import Answer, Learned, Place
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.priors import PARTS
+from discrepancy.posterior.priors import PARTS, direction_of
 from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.validation.cost import cost_of
 from estimators.likelihood.channels import Channels
@@ -80,9 +79,8 @@ def learned(
     if not terms:
         return None
     linearised = look(robot, list(terms))
-    statistics, count = summed(linearised.logs), len(linearised.usual)
-    pairs = zip(linearised.candidates, linearised.columns, strict=True)
-    curves = [(candidate, _curve(terms[candidate], statistics, columns, count)) for candidate, columns in pairs]
+    statistics, causes = summed(linearised.logs), linearised.candidates
+    curves = [(cause, _curve(terms[cause], linearised, k, statistics)) for k, cause in enumerate(causes)]
     if not curves:
         return None
     candidate, (log_factor, values, errors) = max(curves, key=lambda curve: curve[1][0])
@@ -92,7 +90,7 @@ def learned(
     fitted = replace(term, values=tuple(values.tolist()))  # linearised again about the curve, as it may be large
     linearised = look(robot.with_effects(fitted), [candidate])  # which has no other columns
     statistics = summed(linearised.logs).at(-np.append(values, np.zeros(KNOTS)))
-    _, values, errors = _curve(term, statistics, np.arange(KNOTS), KNOTS)
+    _, values, errors = _curve(term, linearised, 0, statistics)
     effect = replace(term, values=tuple(values.round(7).tolist()))
     return Learned(effect, tuple(errors.tolist()), log_odds, _nearest(robot, effect, look))
 
@@ -135,21 +133,16 @@ def _covariance(term: LearnedTerm) -> Array:
     return np.asarray(np.exp(-2 * (np.sin(apart / 2) / SMOOTH) ** 2))
 
 
-def _curve(
-    term: LearnedTerm, statistics: Statistics, columns: NDArray[np.intp], count: int
-) -> tuple[float, Array, Array]:
-    """Return the log Bayes factor of a curve against none, averaged over its size and masked part; and mean and
-    standard deviation of its values (k,) at the likeliest size and part.
+def _curve(term: LearnedTerm, seen: Linearised, k: int, statistics: Statistics) -> tuple[float, Array, Array]:
+    """Return the log Bayes factor of a curve, the candidate number k, against none, averaged over its size and masked
+    part; and mean and standard deviation of its values at the likeliest size and part.
 
     Both may be at another level: what is read too much by the same fraction throughout is a radius or a gain, which the
     catalogue has.
     """
     covariance, level, found = _covariance(term), np.full(2 * (len(term.knots),), LearnedTerm.tolerance**2), []
     for part in PARTS.tolist():
-        way = np.zeros((len(statistics.score), len(columns)))
-        way[columns, np.arange(len(columns))] = 1.0
-        way[columns + count, np.arange(len(columns))] = part
-        information, score = way.T @ statistics.information @ way, way.T @ statistics.score
+        information, score = statistics.of_combinations(direction_of(seen, Place(k, part)))
         without, *_ = _with_prior(level, information, score)
         for size in SIZES.tolist():
             log_evidence, mean, error = _with_prior(level + size**2 * covariance, information, score)

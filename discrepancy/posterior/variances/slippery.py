@@ -8,7 +8,7 @@ errors of wheels, pivots and place have a multivariate t distribution (Lange, Li
 whose scales and degrees of freedom the replays without a patch show.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -52,10 +52,6 @@ PLACE = 2e-3
 """m: least error that a replay is assumed to have against a tracker's poses."""
 
 
-Gain = Callable[[FrictionPatch, float], float]
-"""The log-likelihood ratio (natural logarithm) of replays with a patch of a value."""
-
-
 @dataclass(frozen=True)
 class Slippery:
     """A patch, the standard deviation of its value, and the log odds of its presence."""
@@ -85,49 +81,17 @@ def slippery_in(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, 
         return None
     way = np.concatenate([motion.pose[:, :2] for motion in motions])
     area, odds = float(np.prod(np.ptp(way, axis=0))), prior_log_odds(names)
-    if _judged(replays.gain, patch, area, odds).log_odds < LOG_ODDS:
+    if replays.judged(patch, area, odds).log_odds < LOG_ODDS:
         return None
-    odds -= max(_log_mean(_log_factors(replays.gain, replays.whole_floor)), 0.0)
-    patch, _ = max((_refined(replays.gain, *proposed) for proposed in tried), key=lambda found: found[1])
-    found = _judged(replays.gain, patch, area, odds)
+    odds -= max(_log_mean(replays.gains(replays.whole_floor)), 0.0)
+    patch, _ = max((replays.refined(*proposed) for proposed in tried), key=lambda found: found[1])
+    found = replays.judged(patch, area, odds)
     return found if found.log_odds >= LOG_ODDS else None
-
-
-def _log_factors(gain: Gain, patch: FrictionPatch) -> Array:
-    """Return the log-likelihood ratio of replays with each part of friction missing on a rectangle."""
-    return np.array([gain(patch, value) for value in SLIPPERY])
 
 
 def _log_mean(log_factors: Array) -> float:
     """Return the logarithm of the mean of likelihood ratios, given theirs."""
     return float(np.logaddexp.reduce(log_factors) - np.log(len(log_factors)))
-
-
-def _judged(gain: Gain, patch: FrictionPatch, area: float, anywhere: float) -> Slippery:
-    """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; anywhere: prior log
-    odds (natural logarithm) of a patch anywhere on it."""
-    log_factors = _log_factors(gain, patch)
-    elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
-    log_odds = _log_mean(log_factors) - elsewhere + anywhere
-    weight = np.exp(log_factors - log_factors.max())
-    value = float(np.average(SLIPPERY, weights=weight))
-    error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
-    error = float(np.hypot(error, (1 - value) / 2))  # the rectangle is not known any better
-    return Slippery(replace(patch, value=round(value, 3)), error, float(log_odds))
-
-
-def _refined(gain: Gain, patch: FrictionPatch, most: float) -> tuple[FrictionPatch, float]:
-    """Return the rectangle near another with which replays are likeliest, its sides moved in steps of `CELL`, and
-    the log-likelihood ratio. most: that of the rectangle itself."""
-    better = True
-    while better:
-        better = False
-        for box in near(box_of(patch), CELL):
-            moved = patch_at(box)
-            if (likelier := gain(moved, TRIED)) > most:
-                patch, most, better = moved, likelier, True
-                break
-    return patch, most
 
 
 def confirmed_by(robot: RobotDescription, logs: Sequence[Log], seen: Linearised, patch: Slippery) -> float:
@@ -204,6 +168,35 @@ class _Replays:
             anew = there[np.minimum(last, len(there) - 1)] > there[first]
             replays.append(replay(robot, log, WINDOW, clock=clock, mount=self._mount, like=plain, anew=anew))
         return self._spread.likelier(self._errors_of(replays), self._errors)
+
+    def gains(self, patch: FrictionPatch) -> Array:
+        """Return the log-likelihood ratios of replays with each part of friction missing on a rectangle."""
+        return np.array([self.gain(patch, value) for value in SLIPPERY])
+
+    def judged(self, patch: FrictionPatch, area: float, anywhere: float) -> Slippery:
+        """Return what replays with all parts of friction say of a rectangle. area: m^2, of the way; anywhere: prior log
+        odds (natural logarithm) of a patch anywhere on it."""
+        log_factors = self.gains(patch)
+        elsewhere = max(np.log(area / (patch.length * patch.width)), 0.0)
+        log_odds = _log_mean(log_factors) - elsewhere + anywhere
+        weight = np.exp(log_factors - log_factors.max())
+        value = float(np.average(SLIPPERY, weights=weight))
+        error = float(np.sqrt(np.average((np.array(SLIPPERY) - value) ** 2, weights=weight)))
+        error = float(np.hypot(error, (1 - value) / 2))  # the rectangle is not known any better
+        return Slippery(replace(patch, value=round(value, 3)), error, float(log_odds))
+
+    def refined(self, patch: FrictionPatch, most: float) -> tuple[FrictionPatch, float]:
+        """Return the rectangle near another with which replays are likeliest, its sides moved in steps of `CELL`, and
+        the log-likelihood ratio. most: that of the rectangle itself."""
+        better = True
+        while better:
+            better = False
+            for box in near(box_of(patch), CELL):
+                moved = patch_at(box)
+                if (likelier := self.gain(moved, TRIED)) > most:
+                    patch, most, better = moved, likelier, True
+                    break
+        return patch, most
 
     @property
     def whole_floor(self) -> FrictionPatch:

@@ -29,10 +29,9 @@ import numpy as np
 
 from castor_envs.errors import InputError, with_extra
 from castor_envs.floor import Floor
-from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.build import Tyres, built, check_drivable
+from discrepancy.trials.foreign.build import built, check_drivable
 from discrepancy.trials.foreign.standing import ACROSS, TILTING, fork, skids_of, static_loads, wheel_mass
 
 WHEELS_BELOW = (3, 12)
@@ -79,31 +78,6 @@ class Link:
         return rest * mass, (rest * x, rest * y, rest * z)
 
 
-@dataclass(eq=False)
-class Parts:
-    """The parts of a model before it is built, for effects to change.
-
-    links: parents before their children; each wheel's hinge is called "roll_0", ..., each pivot "pivot_0", .... load
-    (w,): static, of wheels, N; sinking: how far their contacts give under it, m. skids (s, 2): in B, m; skid_load: N.
-    height: of B's origin over the floor, m. step: s.
-    """
-
-    robot: RobotDescription
-    geometry: Geometry
-    tyres: Tyres
-    links: list[Link]
-    load: Array
-    sinking: float
-    skids: Array
-    skid_load: float
-    height: float
-    step: float
-
-    def link(self, name: str) -> Link:
-        """Return a part by its name."""
-        return next(link for link in self.links if link.name == name)
-
-
 def bullet_module() -> Any:
     """Return PyBullet; raises InputError where it is not installed."""
     try:
@@ -114,63 +88,64 @@ def bullet_module() -> Any:
         raise InputError(f"generator bullet needs PyBullet; {with_extra('bullet')}{hint}") from None
 
 
-def parts_of(robot: RobotDescription, floor: Floor, step: float) -> Parts:
-    """Return the parts of a robot's model on a floor; raises InputError for what the simulator cannot build."""
-    check_drivable(robot, "Bullet")
-    (geometry, tyres), described = built(robot), Geometry.of(robot.as_described())
-    if floor.cables:
-        raise InputError(
-            "the floor has cables (effect 'bump'); the Bullet generator has none, for its robots have no springs, and "
-            "wheels beside a cable would leave the floor: leave them out"
-        )
-    if tyres.long or tyres.side or tyres.viscous:
-        raise InputError(
-            f"robot {robot.name!r} has tyres that creep otherwise than described; the Bullet generator's contacts do "
-            "not creep: leave out slip_stiffness, slip_stiffness_lateral and contact_creep"
-        )
-    height, skids = float(geometry.radius.max()), skids_of(robot, described)
-    loads = static_loads(robot, described, floor.normal_gravity, skids)
-    links: list[Link] = []
-    for i in range(geometry.n_castors):
-        links += _castor(robot, geometry, i)
-        for k in np.flatnonzero(geometry.wheel_castor == i).tolist():
-            links.append(_wheel(robot, geometry, k, float(geometry.radius[k]) - height))
-    redundant = not len(skids) and geometry.n_castors > 3
-    return Parts(
-        robot=robot,
-        geometry=geometry,
-        tyres=tyres,
-        links=links,
-        load=loads[: len(geometry.radius)],
-        sinking=SINKING * (REDUNDANT if redundant else 1.0),
-        skids=skids,
-        skid_load=float(loads[-1]),
-        height=height,
-        step=step,
-    )
+class Parts:
+    """The parts of a robot's model on a floor before it is built, for effects to change.
 
+    links: parents before their children; each wheel's hinge is called "roll_0", ..., each pivot "pivot_0", .... load
+    (w,): static, of wheels, N; sinking: how far their contacts give under it, m. skids (s, 2): in B, m; skid_load: N.
+    height: of B's origin over the floor, m. step: s.
+    """
 
-def _castor(robot: RobotDescription, geometry: Geometry, i: int) -> list[Link]:
-    """Return fork and, where it rocks, axle of a castor."""
-    castor, behind = robot.castors[i], float(geometry.offset[i])
-    (mass, inertia), free = fork(castor), castor.steering != "fixed"
-    rocking = ROCKING if free and len(castor.wheels) > 1 else 0.0
+    def __init__(self, robot: RobotDescription, floor: Floor, step: float) -> None:
+        """Raise InputError for what the simulator cannot build."""
+        check_drivable(robot, "Bullet")
+        (geometry, tyres), described = built(robot), Geometry.of(robot.as_described())
+        if floor.cables:
+            raise InputError(
+                "the floor has cables (effect 'bump'); the Bullet generator has none, for its robots have no springs, "
+                "and wheels beside a cable would leave the floor: leave them out"
+            )
+        if tyres.long or tyres.side or tyres.viscous:
+            raise InputError(
+                f"robot {robot.name!r} has tyres that creep otherwise than described; the Bullet generator's contacts "
+                "do not creep: leave out slip_stiffness, slip_stiffness_lateral and contact_creep"
+            )
+        self.robot, self.geometry, self.tyres, self.step = robot, geometry, tyres, step
+        self.height, self.skids = float(geometry.radius.max()), skids_of(robot, described)
+        loads = static_loads(robot, described, floor.normal_gravity, self.skids)
+        self.load, self.skid_load = loads[: len(geometry.radius)], float(loads[-1])
+        redundant = not len(self.skids) and geometry.n_castors > 3
+        self.sinking = SINKING * (REDUNDANT if redundant else 1.0)
+        self.links: list[Link] = []
+        for i in range(geometry.n_castors):
+            self.links += self._castor(i)
+            self.links += [self._wheel(k) for k in np.flatnonzero(geometry.wheel_castor == i).tolist()]
 
-    def part(share: float) -> tuple[float, tuple[float, float, float]]:
-        return share * mass, (share * TILTING * inertia, share * TILTING * inertia, share * inertia)
+    def link(self, name: str) -> Link:
+        """Return a part by its name."""
+        return next(link for link in self.links if link.name == name)
 
-    place = (float(geometry.pivot[i, 0]), float(geometry.pivot[i, 1]), 0.0)
-    axis, turned_by = ((0.0, 0.0, 1.0), 0.0) if free else (None, castor.angle)
-    links = [Link(f"pivot_{i}", None, place, *part(1 - rocking), axis, turned_by, behind)]
-    if rocking:
-        links.append(Link(f"axle_{i}", f"pivot_{i}", (-behind, 0.0, 0.0), *part(rocking), (1.0, 0.0, 0.0)))
-    return links
+    def _castor(self, i: int) -> list[Link]:
+        """Return fork and, where it rocks, axle of a castor."""
+        castor, behind = self.robot.castors[i], float(self.geometry.offset[i])
+        (mass, inertia), free = fork(castor), castor.steering != "fixed"
+        rocking = ROCKING if free and len(castor.wheels) > 1 else 0.0
 
+        def part(share: float) -> tuple[float, tuple[float, float, float]]:
+            return share * mass, (share * TILTING * inertia, share * TILTING * inertia, share * inertia)
 
-def _wheel(robot: RobotDescription, geometry: Geometry, k: int, height: float) -> Link:
-    i, wheel = int(geometry.wheel_castor[k]), robot.wheels[k]
-    rocks = not geometry.fixed[i] and np.sum(geometry.wheel_castor == i) > 1
-    place = (0.0 if rocks else -float(geometry.offset[i]), float(geometry.lateral[k]), height)
-    inertia = ACROSS * wheel.inertia, wheel.inertia, ACROSS * wheel.inertia
-    parent = f"axle_{i}" if rocks else f"pivot_{i}"
-    return Link(f"roll_{k}", parent, place, wheel_mass(wheel.inertia, wheel.radius), inertia, (0.0, 1.0, 0.0), wheel=k)
+        place = (float(self.geometry.pivot[i, 0]), float(self.geometry.pivot[i, 1]), 0.0)
+        axis, turned_by = ((0.0, 0.0, 1.0), 0.0) if free else (None, castor.angle)
+        links = [Link(f"pivot_{i}", None, place, *part(1 - rocking), axis, turned_by, behind)]
+        if rocking:
+            links.append(Link(f"axle_{i}", f"pivot_{i}", (-behind, 0.0, 0.0), *part(rocking), (1.0, 0.0, 0.0)))
+        return links
+
+    def _wheel(self, k: int) -> Link:
+        geometry, wheel = self.geometry, self.robot.wheels[k]
+        i, mass = int(geometry.wheel_castor[k]), wheel_mass(wheel.inertia, wheel.radius)
+        rocks = not geometry.fixed[i] and np.sum(geometry.wheel_castor == i) > 1
+        behind, height = 0.0 if rocks else -float(geometry.offset[i]), float(geometry.radius[k]) - self.height
+        inertia = ACROSS * wheel.inertia, wheel.inertia, ACROSS * wheel.inertia
+        parent, place = f"axle_{i}" if rocks else f"pivot_{i}", (behind, float(geometry.lateral[k]), height)
+        return Link(f"roll_{k}", parent, place, mass, inertia, (0.0, 1.0, 0.0), wheel=k)

@@ -20,7 +20,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.bullet.model import SKID_SINKING, Parts, bullet_module, parts_of
+from discrepancy.trials.bullet.model import SKID_SINKING, Parts, bullet_module
 from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Simulator, friction_at
 from discrepancy.trials.foreign.standing import DROOP, STEERING_DROOP, TILTING, damping_of
 from discrepancy.trials.hidden import Outside
@@ -49,7 +49,7 @@ class World:
     """
 
     def __init__(self, robot: RobotDescription, floor: Floor, step: float, outside: Outside | None = None) -> None:
-        parts = parts_of(robot, floor, step)
+        parts = Parts(robot, floor, step)
         if outside is not None:
             outside.build(parts)
         geometry, bullet = parts.geometry, bullet_module()
@@ -70,10 +70,8 @@ class World:
         bullet.changeDynamics(ground, -1, lateralFriction=1.0, **at)  # Bullet multiplies it with the wheels'
         self._center = np.array([*robot.center_of_mass, HEIGHT * parts.height])
         larger = max(geometry.radius[link.wheel] - link.place[2] for link in parts.links if link.wheel is not None)
-        self._place, self._turn = (
-            np.array([0.0, 0.0, larger + CLEARANCE]) + self._center,
-            np.array([0.0, 0.0, 0.0, 1.0]),
-        )
+        self._place = np.array([0.0, 0.0, larger + CLEARANCE]) + self._center
+        self._turn = np.array([0.0, 0.0, 0.0, 1.0])
         self._body, self._usual = self._made(parts), robot.contact.friction
 
         hinged = [(j, link) for j, link in enumerate(parts.links) if link.axis is not None]

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from castor_envs.effects.catalogue import floor_of, reference
+from castor_envs.effects.clocks import SampleJitter
 from castor_envs.floor import Floor, Patch
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate_single, wrap
@@ -22,16 +23,67 @@ from castor_envs.motion.controllers import KinematicController, trailing_angles
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Trajectory
 from castor_envs.sensors.encoders import Encoders, castor_angles
+from castor_envs.vehicles.effect import SensorModel
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.trials.foreign.sensors import Sensors, reading_times
 from discrepancy.trials.hidden import Outside
 from discrepancy.trials.reading import USUAL, Noise, as_recorded, counts_of
 
 SETTLING = 0.5
 """How long the robot stands before the start, s."""
 
+BY_SAMPLE = ("tick_loss", "lost_remainders")
+"""Effects that act on what a wheel turns in a whole sample period."""
+
 GIVING_WAY = 0.03
 """Time constant with which soft tyres give way to their loads, s."""
+
+
+class Sensors:
+    """The encoders of a robot, read one sample period after the other. The effects on them see the true angles (m, w +
+    n) of wheels and castors, rad, at the simulation's own fine steps (m,)."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        built = robot.as_built()
+        effects = [effect for effect in robot.effects if not isinstance(effect, SampleJitter)]
+        models = [(effect.name in BY_SAMPLE, effect.sensor_model(built)) for effect in effects]
+        self._models = [_ByPeriod(model) if by_sample else model for by_sample, model in models if model is not None]
+        self._w = len(robot.wheels)
+
+    def push(self, t: Array, angle: Array) -> Array:
+        """Return the angles that encoders see in a period, whose sample is in the last row; the first call has the
+        start alone."""
+        wheel, castor = angle[:, : self._w], angle[:, self._w :]
+        for model in self._models:
+            wheel, castor = model(t, wheel, castor)
+        return np.column_stack([wheel, castor])
+
+
+class _ByPeriod:
+    """A sensor model that sees a period's last row alone: what it changes there shows in the rows up to the next."""
+
+    def __init__(self, model: SensorModel) -> None:
+        self._model, self._change = model, (0.0, 0.0)
+
+    def __call__(self, t: Array, wheel: Array, castor: Array) -> tuple[Array, Array]:
+        """Return both angles as encoders see them."""
+        seen = self._model(t[-1:], wheel[-1:], castor[-1:])
+        read = tuple(
+            np.vstack([true[:-1] + change, last])
+            for true, change, last in zip((wheel, castor), self._change, seen, strict=True)
+        )
+        self._change = seen[0] - wheel[-1:], seen[1] - castor[-1:]
+        return read[0], read[1]
+
+
+def reading_times(robot: RobotDescription, t: Array) -> Array:
+    """Return when (K,) the encoders are read for the rows of times t (K,): uneven with jitter."""
+    times = np.array(t, dtype=float)
+    for effect in robot.effects:
+        if isinstance(effect, SampleJitter):
+            half = np.diff(t, prepend=t[0]) / 2
+            shift = effect.value * np.random.default_rng(effect.seed).standard_normal(len(t))
+            times += np.clip(shift, -half, half)
+    return times
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -172,12 +224,7 @@ def friction_at(patches: tuple[Patch, ...], place: list[float]) -> float | None:
 
 
 def read(
-    run: Run,
-    robot: RobotDescription,
-    *,
-    outside: Outside | None = None,
-    rounded: bool = True,
-    noise: Noise = USUAL,
+    run: Run, robot: RobotDescription, *, outside: Outside | None = None, rounded: bool = True, noise: Noise = USUAL
 ) -> Log:
     """Return a run's log as the encoders of a robot report it, with its effects on sensors, time and counts.
 

@@ -16,7 +16,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.foreign.run import GIVING_WAY, SETTLING, Simulator, friction_at
 from discrepancy.trials.hidden import Outside
-from discrepancy.trials.mujoco.model import CONTACT_TIME, IMPEDANCE, mujoco_module, parts_of
+from discrepancy.trials.mujoco.model import CONTACT_TIME, IMPEDANCE, Parts, mujoco_module
 
 STEP = 1e-3
 """Physics step, s, at most."""
@@ -37,7 +37,7 @@ class World:
     """
 
     def __init__(self, robot: RobotDescription, floor: Floor, step: float, outside: Outside | None = None) -> None:
-        parts = parts_of(robot, floor, step)
+        parts = Parts(robot, floor, step)
         if outside is not None:
             outside.build(parts)
         mujoco = self._mujoco = mujoco_module()

@@ -41,10 +41,7 @@ MISSES: Sequence[tuple[str, Callable[[Trial], bool]]] = (
     ),
     ("not flagged", lambda case: case.label["stratum"] == "outside" and case.to_be_flagged() and not case.flagged()),
     ("not found", lambda case: case.label["stratum"] == "wiring" and not case.exact() and case.verdict != "refused"),
-    (
-        "gap grew",
-        lambda case: case.outcome["gap"] is not None and case.gap_grew(max(MATTERS, case.cost_of_errors())),
-    ),
+    ("gap grew", lambda case: case.outcome["gap"] is not None and case.gap_grew(max(MATTERS, case.cost_of_errors()))),
 )
 """What counts against the finder, as `scores.RATES` has it, and which cases it holds of."""
 

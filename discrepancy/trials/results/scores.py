@@ -195,18 +195,8 @@ RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial]
     ("outside the catalogue: a sure name", "outside", None, Trial.wrong),
     (f"poor motion, {PLAIN}: named exactly", "poor", Trial.plain, Trial.exact),
     ("poor motion: a sure name that is wrong", "poor", None, Trial.wrong),
-    (
-        "all but wiring: a sure name that is wrong",
-        "",
-        lambda case: case.label["stratum"] != "wiring",
-        Trial.wrong,
-    ),
-    (
-        "wiring: named, or refused with a reason",
-        "wiring",
-        None,
-        lambda case: case.exact() or case.verdict == "refused",
-    ),
+    ("all but wiring: a sure name that is wrong", "", lambda case: case.label["stratum"] != "wiring", Trial.wrong),
+    ("wiring: named, or refused with a reason", "wiring", None, lambda case: case.exact() or case.verdict == "refused"),
     (
         "something named: the held-out gap is larger after than before",
         "",

@@ -2,7 +2,7 @@
 
     z = |P W (r_with - r_without)|        z_sep = min over other effects of |that, less its projection on their signals|
 
-r: residuals of the robot file without the effect (`residuals`), of logs with and without it, counts not rounded, no
+r: residuals of the robot file without the effect (`whitening`), of logs with and without it, counts not rounded, no
 noise of the reference. W whitens them by the declared noise (`whitening`). P projects out what any diagnosis fits
 anyway: the reference's clock offset and the tracked point (x, y and yaw on the body). Steps of the reference do not
 depend on the start pose; there are none in a log without a reference.
@@ -37,8 +37,7 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.trials.hidden import Hidden, catalogued, class_of, outside_in
 from discrepancy.trials.reading import angles_of, counts_of
-from discrepancy.trials.strength.residuals import Layout, steps_left
-from discrepancy.trials.strength.whitening import NoiseModel, Whitening
+from discrepancy.trials.strength.whitening import Layout, NoiseModel, Whitening, steps_left
 from discrepancy.validation.windows import Windows
 
 SMALL = 1e-4
@@ -177,7 +176,7 @@ class StrengthMetric:
         return self._residuals(self._windows(self._geometry, log), log)
 
     def _windows(self, geometry: Geometry, log: Log, slip: Slip | None = None) -> Windows:
-        return Windows.of(geometry, log.wheel, log.pivot, self._layout.q, slip)
+        return Windows(geometry, log.wheel, log.pivot, self._layout.q, slip)
 
     def _residuals(self, windows: Windows, log: Log) -> Array:
         """Return parity in the frame of the metric's run, window by window, then steps."""

@@ -14,10 +14,7 @@ from discrepancy.trials.reading import USUAL
 
 
 def log_at_random(
-    train: TrainDescription,
-    seed: int,
-    length: float = 6.0,
-    drive: Literal["servo", "voltage"] = "voltage",
+    train: TrainDescription, seed: int, length: float = 6.0, drive: Literal["servo", "voltage"] = "voltage"
 ) -> Log:
     """Return the log of a train, with its effects, that drives a random path of `length` (m) in physics.
 

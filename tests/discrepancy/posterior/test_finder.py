@@ -24,7 +24,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.verdicts import Material
-from discrepancy.preflight.undo import undo
+from discrepancy.preflight.undo import Undone
 from discrepancy.trials.cases import motion
 from discrepancy.trials.outside import Misreading
 from discrepancy.trials.pymunk_generator import drive
@@ -171,7 +171,7 @@ def test_coarse_encoders_that_are_read_often_make_no_backlash(seed):
 def test_nothing_is_said_of_the_contacts_of_a_robot_whose_wiring_was_wrong():
     """Servos that heard of other wheels drove these against each other, until they slid."""
     swapped = EncodersSwapped(castor=2, value=1.0)
-    undone = undo(ROBOT, {"log": driven("asoc-prototype", 3, swapped)}, {}, {})
+    undone = Undone(ROBOT, {"log": driven("asoc-prototype", 3, swapped)}, {}, {})
     assert undone.logs["log"].undone == (swapped,)
     of_contacts = {"slip_stiffness", "slip_stiffness_lateral", "contact_creep"}
     assert not of_contacts & set(diagnose(undone.robot, [undone.logs["log"]]).inclusion)

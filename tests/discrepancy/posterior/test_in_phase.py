@@ -8,8 +8,8 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.diagnose import examine, posterior_of
 from discrepancy.hypotheses.candidates import candidates_of
-from discrepancy.posterior.in_phase import in_phase
 from discrepancy.posterior.model.refit import Sized
+from discrepancy.posterior.other_logs import in_phase
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("differential")

@@ -11,7 +11,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized
-from discrepancy.posterior.there_before import in_good_order
+from discrepancy.posterior.other_logs import in_good_order
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("differential")

@@ -16,7 +16,7 @@ from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy.report import pictures
 from discrepancy.report.answers import html_of
-from discrepancy.report.traces import Errors, along_the_way, traces_of
+from discrepancy.report.traces import Errors, Traces, along_the_way
 from discrepancy.validation.replay import replay
 from estimators.likelihood.log_likelihood import LogLikelihood
 
@@ -72,7 +72,7 @@ def drawn():
 
 def traces(robot, log):
     geometry = Geometry.of(robot.as_built())
-    return traces_of(robot, log, LogLikelihood(geometry, log).start(geometry))
+    return Traces(robot, log, LogLikelihood(geometry, log).start(geometry))
 
 
 def curve(of, unit, knots):
@@ -174,7 +174,7 @@ def test_most_slip_is_on_the_wheel_that_is_too_large(drawn):
     geometry, model = Geometry.of(ASOC), LogLikelihood(Geometry.of(ASOC), log)
     state = model.start(geometry)
     state[:, :3] = rolled.pose
-    found = traces_of(ASOC, log, state)
+    found = Traces(ASOC, log, state)
     assert found.worst()["channel"] == "wheel 2l rolling"
     row = found.channels.index("wheel 2l rolling")
     way = np.diff(np.interp([0.0, *(found.middle + 0.5)], log.t, rolled.wheel_angle[:, 2])) * geometry.radius[2]

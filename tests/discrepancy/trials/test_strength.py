@@ -30,7 +30,7 @@ from discrepancy.trials.strength.separation import (
     without,
 )
 from discrepancy.trials.strength.whitening import NoiseModel
-from discrepancy.validation.parity import parity_residual
+from discrepancy.validation.parity import Parity
 from discrepancy.validation.sufficient import redundancy
 
 ASOC = preset("asoc-prototype")
@@ -86,7 +86,7 @@ def test_redundancy_is_that_of_the_parity_residual():
     for name in preset_names():
         robot = preset(name)
         course = wander(np.random.default_rng(1), duration=2, holonomic=moves_sideways(robot))
-        assert redundancy(robot) == parity_residual(robot, drive(robot, course, 1, duration=2.0)).redundancy
+        assert redundancy(robot) == Parity(robot, drive(robot, course, 1, duration=2.0)).redundancy
     blind = dataclasses.replace(ASOC.castors[0], pivot_counts_per_rev=None)
     with pytest.raises(InputError, match="do not determine its motion"):
         redundancy(dataclasses.replace(ASOC, castors=(blind,) * 3))

@@ -11,7 +11,7 @@ from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry, castor_rates, inverse, pivot_velocity
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
-from discrepancy.validation.parity import parity_residual
+from discrepancy.validation.parity import Parity
 
 
 def twist(t):
@@ -76,11 +76,11 @@ REDUNDANT = {"2-castor": 3, "asoc-prototype": 6, "6-castor": 15, "omnimate": 3, 
 @pytest.mark.parametrize("name", REDUNDANT)
 def test_an_n_castor_base_has_as_many_contradictions_as_rows_beyond_three(name):
     robot = preset(name)
-    assert parity_residual(robot, rolled_log(robot, duration=1.0)).redundancy == REDUNDANT[name]
+    assert Parity(robot, rolled_log(robot, duration=1.0)).redundancy == REDUNDANT[name]
 
 
 def test_omni_wheels_give_no_side_slip_rows():
-    parity = parity_residual(mecanum(), rolled_log(mecanum(), duration=1.0, rounded=False))
+    parity = Parity(mecanum(), rolled_log(mecanum(), duration=1.0, rounded=False))
     assert parity.redundancy == 1
     assert parity.rows.castors.size == 0
     assert np.abs(rolling(parity, parity.residual)).max() < 1e-9
@@ -90,7 +90,7 @@ def test_omni_wheels_give_no_side_slip_rows():
 def test_robots_without_redundancy_leave_nothing_to_see(name):
     robot = preset(name)
     log = rolled_log(preset("1-castor")) if name == "1-castor" else crawling(robot)
-    parity = parity_residual(robot, log)
+    parity = Parity(robot, log)
     assert parity.redundancy == 0
     assert np.abs(parity.residual).max() < 1e-12
 
@@ -108,7 +108,7 @@ def test_the_residual_of_perfect_rolling_shrinks_with_the_cube_of_the_period(nam
     robot = preset(name)
     largest = []
     for period in (0.025, 0.0125, 0.00625):
-        parity = parity_residual(robot, rolled_log(robot, period, duration=3.0, rounded=False))
+        parity = Parity(robot, rolled_log(robot, period, duration=3.0, rounded=False))
         largest.append(np.abs(parity.residual).max())
     assert largest[0] < 5e-5
     assert largest[0] / largest[1] > 6.5
@@ -118,7 +118,7 @@ def test_the_residual_of_perfect_rolling_shrinks_with_the_cube_of_the_period(nam
 @pytest.mark.parametrize("name", ["asoc-prototype", "2-castor", "powered-caster"])
 def test_rounded_counts_leave_the_predicted_variance(name):
     robot = preset(name)
-    parity = parity_residual(robot, rolled_log(robot, duration=30.0))
+    parity = Parity(robot, rolled_log(robot, duration=30.0))
     assert parity.moving.mean() > 0.99
     np.testing.assert_allclose(rolling(parity, parity.rms), rolling(parity, parity.rounding), rtol=0.2)
     np.testing.assert_allclose(side_slip(parity, parity.rms), side_slip(parity, parity.rounding), rtol=0.35)
@@ -134,7 +134,7 @@ def test_coarser_encoders_leave_more_in_proportion():
             for castor, w in zip(fine.castors, wheels, strict=True)
         ),
     )
-    a, b = (parity_residual(robot, rolled_log(robot)) for robot in (fine, coarse))
+    a, b = (Parity(robot, rolled_log(robot)) for robot in (fine, coarse))
     np.testing.assert_allclose(rolling(b, b.rounding), 4 * rolling(a, a.rounding), rtol=1e-3)
 
 
@@ -143,7 +143,7 @@ def test_coarser_encoders_leave_more_in_proportion():
 def test_a_wrong_wheel_radius_shows_on_that_wheel(castor, wheel):
     described = preset("asoc-prototype")
     real = described.with_effects(WheelRadius(castor=castor, wheel=wheel, value=0.02)).as_built()
-    parity = parity_residual(described, rolled_log(real))
+    parity = Parity(described, rolled_log(real))
     ratio = rolling(parity, parity.rms) / rolling(parity, parity.rounding)
     assert np.argmax(ratio) == 2 * (castor - 1) + wheel - 1
     assert ratio.max() > 2
@@ -153,7 +153,7 @@ def test_a_wrong_wheel_radius_shows_on_that_wheel(castor, wheel):
 def test_a_biased_pivot_shows_on_that_castor(castor):
     described = preset("asoc-prototype")
     real = described.with_effects(PivotBias(castor=castor, value=0.05)).as_built()
-    parity = parity_residual(described, rolled_log(real))
+    parity = Parity(described, rolled_log(real))
     ratio = side_slip(parity, parity.rms) / side_slip(parity, parity.rounding)
     assert np.argmax(ratio) == castor - 1
     assert ratio.max() > 3
@@ -161,14 +161,14 @@ def test_a_biased_pivot_shows_on_that_castor(castor):
 
 def test_wrapping_of_pivot_counts_changes_nothing():
     robot = preset("asoc-prototype")
-    a, b = (parity_residual(robot, rolled_log(robot, duration=3.0, wrapped=wrapped)) for wrapped in (False, True))
+    a, b = (Parity(robot, rolled_log(robot, duration=3.0, wrapped=wrapped)) for wrapped in (False, True))
     np.testing.assert_allclose(a.residual, b.residual, atol=1e-14)
 
 
 def test_a_robot_at_rest_has_no_residual():
     robot = preset("asoc-prototype")
     log = Log(t=np.arange(5) * 0.05, wheel=np.full((5, 6), 7.0), pivot=np.full((5, 3), 100.0))
-    parity = parity_residual(robot, log)
+    parity = Parity(robot, log)
     assert not parity.moving.any()
     assert not parity.rms.any()
     assert not parity.rounding.any()
@@ -179,7 +179,7 @@ def test_a_castor_whose_angle_is_unknown_is_left_out():
     blind = dataclasses.replace(robot.castors[1], pivot_counts_per_rev=None)
     blinded = dataclasses.replace(robot, castors=(robot.castors[0], blind, robot.castors[2]))
     log = rolled_log(robot, duration=2.0, rounded=False)
-    parity = parity_residual(blinded, dataclasses.replace(log, pivot=log.pivot[:, [0, 2]]))
+    parity = Parity(blinded, dataclasses.replace(log, pivot=log.pivot[:, [0, 2]]))
     assert parity.redundancy == 3
     np.testing.assert_array_equal(parity.rows.wheels, [0, 1, 4, 5])
     np.testing.assert_array_equal(parity.rows.castors, [0, 2])

@@ -15,8 +15,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.priors import order_of
-from discrepancy.posterior.variances.at_times import answer_of, at_times
-from discrepancy.posterior.variances.bursts import bursts_of
+from discrepancy.posterior.variances.at_times import answer_of, at_times, bursts_of
 from discrepancy.posterior.variances.events import Events
 from discrepancy.posterior.verdicts import MATERIAL, judged
 from discrepancy.trials.pymunk_generator import drive

@@ -1,7 +1,8 @@
-"""Held-out logs whose wheels are turned at the start as those of the logs are, by what eccentric wheels show.
+"""Effects that logs name, in other logs: in clean ones, which may show them as well, and in held-out ones.
 
-A wheel's angle counts from the start of a run, where it may point anywhere, so that the phase of an eccentric wheel
-holds for that run only. Only its size can be confirmed by other runs.
+An effect that clean logs show as large is no fault, but how the robot is in good order. A wheel's angle counts from the
+start of a run, where it may point anywhere, so that the phase of an eccentric wheel holds for that run only: held-out
+logs are given wheels that are turned at the start as those of the logs are, and confirm the size alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,8 +20,34 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.named_together import by_formula
-from discrepancy.posterior.model.refit import Sized, with_effects
+from discrepancy.posterior.model.refit import Sized, families_of, fit_with, with_effects
 from estimators.likelihood.channels import Channels
+
+
+def in_good_order(
+    robot: RobotDescription, clean: Sequence[Log], good: Linearised, named: Sequence[Sized]
+) -> frozenset[str]:
+    """Return the families of effects that clean logs show as large, alone or all together: they were there before.
+
+    Clean logs are likelier with them, and no less so than with half of them. The linear formula about a robot without
+    them need not show that: of what passes for noise it sees little. good: clean logs linearised with this robot.
+    """
+
+    def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> float:
+        sizes = tuple(effect.moved((part - 1) * effect.amplitudes) for effect in effects)
+        found = fit_with(
+            robot, lambda some, *_: linearise(with_effects(robot, some), clean, start=good, among=()), sizes, good
+        )
+        return -np.inf if found is None else found.log_evidence
+
+    def shown(effects: Sequence[Sized]) -> bool:
+        whole = log_evidence(effects)
+        return whole > good.log_evidence + LOG_ODDS and whole > log_evidence(effects, 0.5)
+
+    sized = [effect for effect in named if not effect.candidate.kinds[0].binary]
+    if len(sized) > 1 and shown(sized):
+        return families_of(sized)
+    return families_of([effect for effect in sized if shown([effect])])
 
 
 def in_phase(
