@@ -34,6 +34,9 @@ PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
 IN_LOG = 0.5
 """Prior probability that an intermittent fault of a robot shows in any given log."""
 
+SELDOM = 0.5
+"""Largest part of the time that bursts last: what a wheel does for longer has another cause, as that it slides."""
+
 EVEN, MOSTLY = 0.1, 0.75
 """Largest deviation of bursts from a steady beat, as a part of the period, and the part of bursts that must keep within
 it."""
@@ -240,13 +243,15 @@ def bursts_of(
     beat = _beat(all_starts[0]) if len(logs) == 1 else None
     width = float(np.median(np.concatenate(all_widths)))
     period = sum(float(np.ptp(log.t)) for log in logs) / sum(map(len, all_starts)) if beat is None else beat[1]
+    if width > SELDOM * period:
+        return None
     castor, wheel = robot.wheel_places[k]
     effect = TickLossBursts(
         castor=castor,
         wheel=wheel,
         value=value,
         period=period,
-        width=min(width, period),
+        width=width,
         start=0.0 if beat is None else beat[0],
         seed=0 if beat is None else None,
     )

@@ -144,3 +144,17 @@ def test_held_out_logs_without_losses_do_not_confirm_them():
     assert answer.verdict == "unconfirmed", answer.reason
     (sure,) = judged(events.answers(robot, [driven(3, effect)], seen, [5.0], ()), [], None, None, MATERIAL)
     assert sure.verdict == "named", sure.reason
+
+
+def test_what_lasts_most_of_the_time_is_no_burst():
+    """Each burst is long, so that a wheel loses counts nearly all the time."""
+    log = read(less(0, 0.2 * when(np.arange(1.0, 60.0, 8.0), 6.0)))
+    seen = linearise(ROBOT, [log], among=())
+    (disagreement,) = seen.disagreements
+    middle = disagreement.t + 0.5 * float(np.median(np.diff(disagreement.t)))
+    active = np.any([(middle > start) & (middle < start + 6.0) for start in np.arange(1.0, 60.0, 8.0)], axis=0)
+    assert bursts_of(ROBOT, [log], seen, 0, [active.astype(float)]) is None
+    short = read(less(0, 0.2 * when(np.arange(1.0, 60.0, 8.0), 2.0)))
+    seen = linearise(ROBOT, [short], among=())
+    active = np.any([(middle > start) & (middle < start + 2.0) for start in np.arange(1.0, 60.0, 8.0)], axis=0)
+    assert bursts_of(ROBOT, [short], seen, 0, [active.astype(float)]) is not None
