@@ -123,7 +123,7 @@ def test_the_creep_that_a_small_effect_causes_is_of_least_power(name, effect):
     log, candidate = driven(name, effect), candidate_of(preset(name), effect)
     (design,) = linearise(preset(name), [log], among=[candidate]).designs
     slipping = Slipping(preset(name).with_effects(effect), design.model, log, design.state)
-    linear = effect.value * design.model.masked_by_creep(design.made.changes, slipping.stiffness)[..., 0]
+    linear = effect.value * design.model.masked_by_creep(design.changes, slipping.stiffness)[..., 0]
     predicted = slipping.by_effects
     product, square = np.sum(linear * predicted), np.sum(linear**2)
     assert product / np.sqrt(square * np.sum(predicted**2)) > 0.97
@@ -137,7 +137,7 @@ def test_wheels_that_are_driven_against_each_other_do_not_move_the_body(name):
     (design,) = linearise(robot, [driven(name, effect)], among=[candidate_of(robot, effect)]).designs
     path = design.model.odometry(design.geometry)
     assert design.model.stiffness is not None
-    creep = design.model.masked_by_creep(design.made.changes, design.model.stiffness)[..., 0]
+    creep = design.model.masked_by_creep(design.changes, design.model.stiffness)[..., 0]
     moved = design.model.odometry(design.geometry, effect.value * creep)
     assert np.abs(effect.value * creep).sum(axis=0).max() > 0.01
     assert moved == pytest.approx(path, abs=1e-4)  # at the readings, not at the state

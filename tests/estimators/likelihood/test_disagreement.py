@@ -41,11 +41,11 @@ def test_what_an_effect_adds_is_by_how_much_wheels_of_a_robot_with_it_disagree_l
     real, state, other = design.geometry, design.state, Geometry.of(ROBOT.with_effects(effect).as_built())
     before, after = (design.model.disagreement(geometry, state) for geometry in (real, other))
     changed = dataclasses.replace(
-        design.made.changes,
+        design.changes,
         changed=stacked(real, [other]),
         change=np.array([effect.value]),
-        readings=design.made.readings.only([]),
-        slips=design.made.slips.only([]),
+        readings=design.columns[0].only([]),
+        slips=design.columns[1].only([]),
     )
     less = design.model.agreement_by(changed, slice(0, len(state) - 1))
     assert np.abs(before - after).max() > 1e-6
@@ -150,7 +150,7 @@ def test_rows_that_give_way_unequally_are_found_to_by_as_much():
     factor = np.where(np.arange(caused.shape[1]) < 2, 1.2, 0.8)
     left = model.disagreement(design.geometry, state) + 0.5 * factor * caused
     told: Any = Told(model, left)
-    found = Disagreement.of(told, design.made.changes, log_.t, caused, np.zeros(caused.shape, dtype=bool))
+    found = Disagreement.of(told, design.changes, log_.t, caused, np.zeros(caused.shape, dtype=bool))
     assert 0.4 < found.share < 0.6
     assert max(found.sizes()) < 2 * LEAST
 
