@@ -401,7 +401,8 @@ def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before:
     order = None if after is None else order_of(after, search.good)
     every = [*search.answers, *beside]
     clean_gap = None if search.good is None else search.good.gap
-    answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes, clean_gap)
+    own = search.plain, seen
+    answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes, clean_gap, own)
     answers = tuple(
         replace(answer, verdict="negligible", reason=f"the clean logs show {answer.candidate.what} as large")
         if answer.candidate.family in as_before

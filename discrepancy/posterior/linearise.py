@@ -124,6 +124,11 @@ class Linearised:
         for design in self.designs:
             design.forget()
 
+    @property
+    def log_evidence_of_motion(self) -> float:
+        """The log evidence without how far wheels disagree in windows of time."""
+        return self.log_evidence - sum(disagreement.statistics()[2] for disagreement in self.disagreements)
+
     def without_designs(self) -> "Linearised":
         """Return the statistics for a report, of which no noise can be estimated anew."""
         return replace(self, designs=(), disagreements=())

@@ -30,19 +30,23 @@ def in_good_order(
     """Return the families of effects that clean logs show as large, alone or all together: they were there before.
 
     Clean logs are likelier with them, and no less so than with half of them. The linear formula about a robot without
-    them need not show that: of what passes for noise it sees little. good: clean logs linearised with this robot.
+    them need not show that: of what passes for noise it sees little. How wheels disagree does not show it alone: where
+    most of what an effect causes has given way, what is left may look like anything that wheels in good order do, and
+    the more so the larger it is. good: clean logs linearised with this robot.
     """
 
-    def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> float:
+    def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> tuple[float, float]:
+        """Return the log evidence, and that without how wheels disagree."""
         sizes = tuple(effect.moved((part - 1) * effect.amplitudes) for effect in effects)
         found = fit_with(
             robot, lambda some, *_: linearise(with_effects(robot, some), clean, start=good, among=()), sizes, good
         )
-        return -np.inf if found is None else found.log_evidence
+        return (-np.inf, -np.inf) if found is None else (found.log_evidence, found.log_evidence_of_motion)
 
     def shown(effects: Sequence[Sized]) -> bool:
-        whole = log_evidence(effects)
-        return whole > good.log_evidence + LOG_ODDS and whole > log_evidence(effects, 0.5)
+        whole, of_motion = log_evidence(effects)
+        likelier = whole > good.log_evidence + LOG_ODDS and of_motion > good.log_evidence_of_motion
+        return likelier and whole > log_evidence(effects, 0.5)[0]
 
     sized = [effect for effect in named if not effect.candidate.kinds[0].binary]
     if len(sized) > 1 and shown(sized):

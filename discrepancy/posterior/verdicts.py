@@ -41,17 +41,17 @@ def judged(
     material: Material,
     fit: Callable[[Sequence[Sized]], Seen | None] | None = None,
     usual_gap: tuple[float, float] | None = None,
+    own: Sequence[Seen] | None = None,
 ) -> tuple[Answer, ...]:
     """Return the answers with their verdicts and with their probabilities by all logs, without those that held-out logs
     contradict so much that "nothing" is in the credible set of all logs together.
 
     named: all effects that are in the model. held_out: statistics of held-out logs without and with these effects, of
     these candidates only; order: what robots in good order show of them; fit: returns statistics of these logs with
-    other effects in the model, None where they do not fit. usual_gap: that of clean logs, if there are any.
+    other effects in the model, None where they do not fit. usual_gap: that of clean logs, if there are any. own:
+    statistics of the logs themselves, without and with these effects.
     """
-    kept = (
-        None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit, usual_gap)
-    )
+    kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit)
     if kept is not None:
         answers = [kept.updated(answer) for answer in answers if not kept.contradict(answer)]
     verdicts = [_judgement(answer, kept, material) for answer in answers]
@@ -60,8 +60,9 @@ def judged(
         for answer, (verdict, reason) in zip(answers, verdicts, strict=True)
     ]
     unexplained = max((_price(answer, material) for answer in told if answer.verdict == "unexplained"), default=0.0)
-    if unexplained and kept is not None and kept.half_stays:
-        return tuple(_doubted(answer, "with which half of the held-out gap stays") for answer in told)
+    for pair, which in ((held_out, "held-out gap"), (own, "gap")):
+        if unexplained and pair is not None and _half_stays(*pair, usual_gap):
+            return tuple(_doubted(answer, f"with which half of the {which} stays") for answer in told)
     return tuple(
         _doubted(answer, "which costs more") if _price(answer, material) < unexplained else answer for answer in told
     )
@@ -103,6 +104,14 @@ def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
         return False
     was, now = (np.linalg.norm(np.divide(gap, np.maximum(material, 1e-12))) for gap in (before.gap, after.gap))
     return bool(now > was)
+
+
+def _half_stays(before: Seen, after: Seen, usual_gap: tuple[float, float] | None) -> bool:
+    """Whether half of the gap of logs, or more, stays with all effects in the model, and clean logs have none as
+    large."""
+    if before.gap is None or after.gap is None or (usual_gap is not None and usual_gap[0] >= HALF * after.gap[0]):
+        return False
+    return after.gap[0] >= HALF * before.gap[0]
 
 
 def _price(answer: Answer, material: Material) -> float:
@@ -174,7 +183,6 @@ class _HeldOut:
     with_named: Seen
     order: GoodOrder
     fit: Callable[[Sequence[Sized]], Seen | None] | None
-    usual_gap: tuple[float, float] | None
 
     def log_ratio(self, answer: Answer) -> float:
         """Return the log-likelihood ratio of an effect of the size found against none."""
@@ -241,14 +249,6 @@ class _HeldOut:
         found = self.fit(moved)  # the formula may be far off
         likelier = found is not None and found.log_evidence - self.with_named.log_evidence > LOG_ODDS
         return ratio if likelier else 0.0
-
-    @property
-    def half_stays(self) -> bool:
-        """Whether half of the gap, or more, stays with all effects in the model, and clean logs have none as large."""
-        before, after = self.without.gap, self.with_named.gap
-        if before is None or after is None or (self.usual_gap is not None and self.usual_gap[0] >= HALF * after[0]):
-            return False
-        return after[0] >= HALF * before[0]
 
     def better(self, material: Material) -> bool:
         """Whether all effects together make the held-out logs likelier, or their gap smaller by what matters."""

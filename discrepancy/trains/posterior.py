@@ -65,7 +65,8 @@ def diagnose_train(
     noisy = noise_answers(seen, None if held is None else held[1], good, len(posterior.names))
     apart = [*noisy, *stop_answers(train, logs, held_out, seen)]
     every = [*answers, *apart]
-    answers = judged(every, named, held, order, material, usual_gap=None if good is None else good.gap)
+    usual_gap = None if good is None else good.gap
+    answers = judged(every, named, held, order, material, usual_gap=usual_gap, own=(first, seen))
     inclusion = by_all_logs(posterior.inclusion(), every, answers)
     return Diagnosis(train, verdict_of(answers), answers, inclusion, first, seen, held)
 

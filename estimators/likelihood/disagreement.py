@@ -50,9 +50,9 @@ BY_TURNING = (0.0, *np.geomspace(1e-5, 1e-2, 16).tolist())
 BODY = 3
 """Degrees of freedom of the body's motion, which is fitted to the rows of every step."""
 
-LASTING = (0.9, 0.95, 0.98)
-"""Correlations that are tried of disagreement in neighbouring long windows that lasts: on a circle it is the same all
-the time, so that its windows are hardly more than one measurement."""
+LASTING = (0.3, 0.6, 0.8, 0.9, 0.95, 0.98)
+"""Correlations that are tried of disagreement in neighbouring long windows that lasts: motors lag for some seconds, and
+on a circle it is the same all the time, so that its windows are hardly more than one measurement."""
 
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
@@ -340,10 +340,9 @@ class _Usual:
 def _usual(
     seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, may_last: bool = True
 ) -> _Usual:
-    """Return the usual disagreement, by medians, with the likeliest amount for contacts that motors turn. It may last
-    where no motor turns contacts: where one does, it comes with turning."""
-    lasting = may_last and not np.any(turned)
-    kinds = np.array([_correlated(seen[:, rows], counted, lasting) for rows in (along, ~along)])
+    """Return the usual disagreement, by medians, with the likeliest amount for contacts that motors turn. may_last:
+    whether neighbouring windows may correlate."""
+    kinds = np.array([_correlated(seen[:, rows], counted, may_last) for rows in (along, ~along)])
     size, correlation = np.where(along[:, None], *kinds).T
     usual = _Usual(np.tile(size, (len(seen), 1)), np.outer(_linked(counted), correlation))
     return _with_turning(seen, usual, counted, turned)

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from castor_envs.effects.clocks import EncoderLatency
 from castor_envs.effects.dimensions import Track, WheelRadius
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
@@ -45,3 +46,19 @@ def test_of_two_effects_only_the_one_that_clean_logs_show_was_there_before():
 
 def test_an_effect_that_no_robot_can_have_was_not_there_before():
     assert in_good_order(ROBOT, *clean(0.0), [of(TRACK, -2.0)]) == frozenset()
+
+
+@pytest.mark.parametrize("lag", [0.0, 1e-3])
+def test_a_latency_that_only_looks_like_how_wheels_disagree_was_not_there_before(lag):
+    """Encoders of clean logs are late by 4 to 11 times `lag`; whatever steered wheels mask of 30 or 60 ms looks like
+    that."""
+    robot = preset("swerve")
+    late = [EncoderLatency(castor=i, wheel=1, value=lag * (3 + 2 * i)) for i in (1, 2, 3, 4)]
+    drives = [wander(np.random.default_rng([seed, 1]), duration=20.0) for seed in (1, 2)]
+    logs = [
+        drive(robot.with_effects(*late), course, seed, duration=20.0) for seed, course in enumerate(drives, start=1)
+    ]
+    kind = EncoderLatency(castor=1, wheel=1, value=EncoderLatency.step)
+    good = linearise(robot, logs, among=())
+    for told in (0.03, 0.06):
+        assert in_good_order(robot, logs, good, [of(Candidate("late", (kind,)), told)]) == frozenset()

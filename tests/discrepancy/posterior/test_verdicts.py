@@ -133,6 +133,20 @@ def test_nor_is_one_with_which_half_of_the_held_out_gap_stays_whatever_it_costs(
     assert [answer.verdict for answer in answers] == [expected, "unexplained"]
 
 
+@pytest.mark.parametrize(
+    ("stays", "usual", "expected"), [(0.49, None, "named"), (0.51, None, "unconfirmed"), (0.51, 0.3, "named")]
+)
+def test_nor_is_one_with_which_half_of_the_logs_own_gap_stays(stays, usual, expected):
+    """As a radius for counts lost in bursts, which shrinks the gap of the held-out logs by chance."""
+    unknown = dataclasses.replace(UNKNOWN, cost=0.5 * ANSWER.cost)
+    held_out = seen(0.0, (20e-3, 5e-3)), seen(LOG_ODDS + 1, (5e-3, 5e-3))
+    own = seen(0.0, (20e-3, 5e-3)), seen(0.0, (20e-3 * stays, 5e-3))
+    usual_gap = None if usual is None else (20e-3 * usual, 0.0)
+    named = [Sized(CAUSE, ANSWER.amplitudes)]
+    answers = judged([ANSWER, unknown], named, held_out, ORDER, MATERIAL, usual_gap=usual_gap, own=own)
+    assert [answer.verdict for answer in answers] == [expected, "unexplained"]
+
+
 def test_nor_is_a_name_that_is_not_confirmed_and_its_reason_stays():
     unknown = dataclasses.replace(UNKNOWN, cost=1.1 * ANSWER.cost)
     unsure = dataclasses.replace(ANSWER, covariance=np.array([[0.0052**2]]))
