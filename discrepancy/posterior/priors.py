@@ -10,6 +10,7 @@ from pydantic import TypeAdapter
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.mobility import moves_sideways
+from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
@@ -17,9 +18,9 @@ from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.answers import Cause, Place, Seen
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of
+from discrepancy.posterior.random_effects import GoodOrder, good_order, log_likelihood_of, summed
 from discrepancy.posterior.single_effects import Hypothesis
-from estimators.calibration.drives import log_of
+from estimators.calibration.drives import logged
 from estimators.calibration.maximum_likelihood.tracker import mount_prior
 
 PARTS = np.arange(7) / 4
@@ -53,10 +54,12 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     """Return the indistinguishable effects of a robot, as the family whose name represents each family; and the
     families that are unobservable in any log."""
     path = wander(np.random.default_rng(0), duration=EXCITING, holonomic=moves_sideways(robot))
-    log = log_of(robot, path, "all")
+    ahead = roll(robot, path)  # some robots turn their wheels one way on it: they come back, too
+    back = Rolled(ahead.t, *(joints[::-1] for joints in ahead[1:]))
+    logs = [logged(robot, rolled, "all") for rolled in (ahead, back)]
     among = [candidate for candidate in candidates_of(robot) if candidate.columns == 1]
-    seen = linearise(robot, [log], among=among)
-    information = seen.logs[0].information
+    seen = linearise(robot, logs, among=among)
+    information = summed(seen.logs).information
     single = [(candidate, int(columns[0])) for candidate, columns in zip(seen.candidates, seen.columns, strict=True)]
     shown = [
         (candidate, k) for candidate, k in single if information[k, k] * candidate.kinds[0].tolerance ** 2 > UNSEEN
