@@ -65,7 +65,7 @@ def test_windows_beyond_what_is_usual_count_with_their_distance():
 
 
 @pytest.mark.parametrize(
-    ("correlation", "turned"), [(0.0, 0.0), (0.3, 0.0), (0.6, 0.0), (0.9, 0.0), (0.95, 0.0), (0.6, 1e-9)]
+    ("correlation", "turned"), [(0.0, 0.0), (0.9, 0.0), (0.95, 0.0), (0.0, 1e-9), (0.3, 1e-9), (0.6, 1e-9), (0.9, 1e-9)]
 )
 def test_correlated_windows_have_the_density_of_their_process(correlation, turned):
     """An autoregressive process: its density in closed form, by the covariance of all windows of a row. Where motors
