@@ -261,9 +261,11 @@ class _Search:
         if effects is None:
             return None
         as_it_is = self.look(self.named, self.seen, self.among)  # its states may not have converged either
-        best = max(self.seen.log_evidence, as_it_is.log_evidence) + advantage(effects, self.named, self.odds)
+        least = advantage(effects, self.named, self.odds)
+        best = max(self.seen.log_evidence, as_it_is.log_evidence) + least
         fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, best)
-        return fitted if beside.log_evidence > best else None
+        shown = beside.log_evidence_of_motion > as_it_is.log_evidence_of_motion + least  # what gives way fits any speed
+        return fitted if shown and beside.log_evidence > best else None
 
     def lossy_encoders(self, besides: Collection[str] = ()) -> list[Sized]:
         """Return the loss of counts that the logs show best beside the effects in the model, if they show one; besides:
