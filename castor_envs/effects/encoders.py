@@ -198,10 +198,12 @@ class TickLoss(Effect[RobotDescription]):
 
     @classmethod
     def variants(cls, robot: RobotDescription) -> tuple["TickLoss", ...]:
-        """Return an instance for each wheel with an encoder and each direction, and both, above a quarter of its top
-        speed."""
+        """Return an instance for each wheel with an encoder and each direction, above a quarter of its top speed.
+
+        Losses in both directions are sought in logs, as is the speed.
+        """
         above = robot.max_wheel_speed / 4
-        ways: tuple[Direction, ...] = ("forward", "backward", "both")
+        ways: tuple[Direction, ...] = ("forward", "backward")
         return tuple(
             cls(castor=i, wheel=j, value=cls.step, above=above, direction=way)
             for i, j in wheel_encoders(robot)

@@ -131,7 +131,8 @@ def report(found: Examined) -> None:
 
 def in_classes(robot: RobotDescription, logs: Logs, mistakes: Sequence[Mistake], answers: Sequence[Answer]) -> Said:
     """Return gross mistakes and answers of the posterior as classes of effects."""
-    classes = {family_of(effect): class_of(effect) for effect in catalogue(robot)}
+    told = [answer.effect for answer in answers if answer.effect is not None]
+    classes = {family_of(effect): class_of(effect) for effect in (*catalogue(robot), *told)}
 
     def class_named(family: str) -> str | None:
         """Return the class of a family, or of an effect at a place on the floor."""

@@ -54,9 +54,6 @@ LASTING = (0.9, 0.95, 0.98)
 """Correlations that are tried of disagreement in neighbouring long windows that lasts: on a circle it is the same all
 the time, so that its windows are hardly more than one measurement."""
 
-LAGGING = (0.3, 0.6, 0.8, *LASTING)
-"""The same where motors turn contacts, which lag for some seconds."""
-
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
 
@@ -343,10 +340,10 @@ class _Usual:
 def _usual(
     seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, may_last: bool = True
 ) -> _Usual:
-    """Return the usual disagreement, by medians, with the likeliest amount for contacts that motors turn. may_last:
-    whether neighbouring windows may correlate."""
-    tried = () if not may_last else LAGGING if np.any(turned) else LASTING
-    kinds = np.array([_correlated(seen[:, rows], counted, tried) for rows in (along, ~along)])
+    """Return the usual disagreement, by medians, with the likeliest amount for contacts that motors turn. It may last
+    where no motor turns contacts: where one does, it comes with turning."""
+    lasting = may_last and not np.any(turned)
+    kinds = np.array([_correlated(seen[:, rows], counted, lasting) for rows in (along, ~along)])
     size, correlation = np.where(along[:, None], *kinds).T
     usual = _Usual(np.tile(size, (len(seen), 1)), np.outer(_linked(counted), correlation))
     return _with_turning(seen, usual, counted, turned)
@@ -382,13 +379,13 @@ def _loss(off: Array) -> Array:
     return np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
 
 
-def _correlated(seen: Array, counted: NDArray[np.bool_], tried: Sequence[float]) -> tuple[float, float]:
+def _correlated(seen: Array, counted: NDArray[np.bool_], lasting: bool) -> tuple[float, float]:
     """Return the size of disagreement (W, rows) of one kind, and the correlation of neighbouring windows, with which it
-    is the likeliest: 0, or one of those tried, where what is new in each window is at least `LEAST`."""
+    is the likeliest: 0, or, if it may last, one of `LASTING`, where what is new in each window is at least `LEAST`."""
     if not seen[counted].size:
         return LEAST, 0.0
     linked, found = _linked(counted), []
-    for correlation in (0.0, *tried):
+    for correlation in (0.0, *(LASTING if lasting else ())):
         alone = _Usual(np.ones(seen.shape), np.full(seen.shape, correlation) * linked[:, None])
         off = np.abs(alone.whitened(seen)[counted])
         least = LEAST / math.sqrt(1 - correlation**2)

@@ -99,8 +99,11 @@ def advantage(effects: Sequence[Sized], named: Sequence[Sized], odds: float) -> 
 
 
 def _at_speeds(robot: RobotDescription, logs: Sequence[Log]) -> Iterator[tuple[Candidate, float]]:
-    """Yield losses of each wheel above each of `SPEEDS`, and how far these are apart, rad/s."""
-    for kind in TickLoss.variants(robot):
+    """Yield losses of each wheel, one way and either way, above each of `SPEEDS`, and how far these are apart,
+    rad/s."""
+    one_way = TickLoss.variants(robot)
+    both = [replace(kind, direction="both") for kind in one_way if kind.direction == "forward"]
+    for kind in (*one_way, *both):
         k = channel(robot, kind.castor, kind.wheel, kind.name)
         per_count = 2 * np.pi / float(robot.wheels[k].counts_per_rev or 1)
         speeds = [np.abs(np.diff(log.wheel[:, k])) * per_count / np.diff(log.t) for log in logs]
