@@ -61,7 +61,7 @@ def judged(
     ]
     unexplained = max((_price(answer, material) for answer in told if answer.verdict == "unexplained"), default=0.0)
     for pair, which in ((held_out, "held-out gap"), (own, "gap")):
-        if unexplained and pair is not None and _half_stays(*pair, usual_gap):
+        if unexplained and pair is not None and _half_stays(pair[0], pair[1], usual_gap):
             return tuple(_doubted(answer, f"with which half of the {which} stays") for answer in told)
     return tuple(
         _doubted(answer, "which costs more") if _price(answer, material) < unexplained else answer for answer in told

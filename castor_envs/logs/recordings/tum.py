@@ -4,7 +4,15 @@ from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from castor_envs.logs.recordings.csv_cells import is_number
-from castor_envs.logs.recordings.recording import UNITS, Clock, Reading, RecordingFormat, heading_of, nanoseconds
+from castor_envs.logs.recordings.recording import (
+    UNITS,
+    Clock,
+    Reading,
+    RecordingFormat,
+    TimeUnit,
+    heading_of,
+    nanoseconds,
+)
 from castor_envs.logs.recordings.text_lines import first_row, is_comment, numbered_lines
 from castor_envs.logs.table import complaint, number
 
@@ -46,7 +54,8 @@ class TumText:
         since 1970."""
         times = (t for _, (t, *_) in rows_of(self._path, COLUMNS))
         first = abs(next(times, 0.0))
-        return Clock(unit=next((unit for unit in UNITS if first * UNITS[unit] <= LATEST), "s"))
+        units: list[TimeUnit] = [unit for unit, ns in UNITS.items() if first * ns <= LATEST]
+        return Clock(unit=units[0]) if units else Clock()
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""

@@ -82,7 +82,11 @@ def test_the_speed_is_found_where_encoders_contradict_each_other():
 
 def test_no_speed_is_found_where_nothing_is_lost():
     log = log_of(1)
-    assert lossy_above(ROBOT, [log], (), lambda _, among: linearise(ROBOT, [log], among=among), -8.0) is None
+
+    def look(effects, among):
+        return linearise(with_effects(ROBOT, effects), [log], among=among)
+
+    assert lossy_above(ROBOT, [log], (), look, -8.0) is None
 
 
 def gap_of(seen):
