@@ -47,8 +47,9 @@ class Table:
         """Return the clock, see `clock_of`."""
         rows = [line.cells for line in itertools.islice(self._lines(), 1000)]
         clock = clock_of(self._names, rows)
+        columns = RowTimes(self._path, self._names, clock).columns
         for name, cell in zip(self._names, rows[0] if rows else (), strict=False):
-            if clock.time is not None and name in clock.time and says_no_order(cell):
+            if name in columns and says_no_order(cell):
                 self._say(f"dates such as {cell!r} are read with the day before the month; past midnight that matters")
         return clock
 

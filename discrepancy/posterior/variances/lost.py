@@ -24,9 +24,8 @@ from discrepancy.measurement.fit_states import wheel_readings
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.model.refit import Sized
-from discrepancy.posterior.priors import bounds_of, directions_in_model
-from discrepancy.posterior.random_effects import summed
+from discrepancy.posterior.model.refit import Effects, Sized, statistics_of
+from discrepancy.posterior.priors import bounds_of
 from estimators.likelihood.channels import Channels
 
 PARTS = np.arange(1, 21) / 20
@@ -74,7 +73,7 @@ def lossy_encoders(
 
 def lossy_above(
     robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], look: Look, odds: float
-) -> tuple[Sized, ...] | None:
+) -> Effects | None:
     """Return the effects in the model (`named`), or all but one of them, with the loss of a wheel's encoder above the
     speed with which logs are likeliest; None if none makes them likelier than `advantage` asks by the linear formula.
 
@@ -115,14 +114,15 @@ def _at_speeds(robot: RobotDescription, logs: Sequence[Log]) -> Iterator[tuple[C
 
 def _proposed(
     candidate: Candidate, named: Sequence[Sized], left_out: int | None, seen: Linearised
-) -> tuple[tuple[Sized, ...], float]:
+) -> tuple[Effects, float]:
     """Return effects in the model without one of them, and a candidate, in the sizes that make logs the likeliest by
     the linear formula, and by how much."""
     shown = [(k, effect) for k, effect in enumerate(named) if effect.candidate in seen.candidates]
     if candidate not in seen.candidates:
         return (*named, Sized(candidate, np.zeros(1))), 0.0
-    causes = [*(effect.candidate for _, effect in shown), candidate]
-    information, score = summed(seen.logs).of_combinations(directions_in_model(seen, causes))
+    loss = Sized(candidate, np.zeros(1))
+    statistics = statistics_of([*(effect for _, effect in shown), loss], seen)
+    information, score = statistics
     each = np.split(np.arange(len(score)), np.cumsum([len(effect.amplitudes) for _, effect in shown]))
     change, free = np.zeros(len(score)), np.ones(len(score), dtype=bool)
     for (k, effect), at in zip(shown, each, strict=False):
@@ -132,18 +132,17 @@ def _proposed(
     change[free] = np.linalg.lstsq(information[np.ix_(free, free)], left[free], rcond=1e-9)[0]
     moved = {k: effect.moved(change[at]) for (k, effect), at in zip(shown, each, strict=False)}
     kept = [moved.get(k, effect) for k, effect in enumerate(named) if k != left_out]
-    loss = Sized(candidate, np.zeros(1)).moved(change[-1:])
-    return (*kept, loss), float(score @ change - change @ information @ change / 2)
+    return (*kept, loss.moved(change[-1:])), statistics.gain(change)
 
 
-def _refined(effects: tuple[Sized, ...], apart: float, look: Look) -> tuple[Sized, ...]:
+def _refined(effects: Effects, apart: float, look: Look) -> Effects:
     """Return effects of which the last is a loss above one of several speeds that are so far apart (rad/s), with the
     speed with which fits are the likeliest."""
     *kept, loss = effects
     (kind,) = loss.candidate.kinds
     assert isinstance(kind, TickLoss)
 
-    def above(speed: float) -> tuple[float, float, tuple[Sized, ...]]:
+    def above(speed: float) -> tuple[float, float, Effects]:
         effect = replace(kind, above=round(speed, 3))
         proposed = *kept, replace(loss, candidate=Candidate(described(effect), (effect,)))
         seen = look(proposed, [])
