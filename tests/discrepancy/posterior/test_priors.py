@@ -12,7 +12,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.presets import any_preset, preset
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.answers import Cause
-from discrepancy.posterior.priors import order_of, same_effects, tolerances
+from discrepancy.posterior.priors import order_of, tolerances
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.trains.candidates import named_candidates
 
@@ -85,8 +85,3 @@ def test_gauges_of_all_frames_scatter_alike():
     parts = clean.parts(order_of(clean, clean), which=is_of("gauge_gain"))
     assert len(parts) > 2
     assert np.ptp(parts) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_counts_lost_backward_show_on_a_robot_that_wanders_ahead():
-    _, unseen = same_effects(preset("differential"))
-    assert not {family for family in unseen if family.startswith("tick_loss")}
