@@ -29,10 +29,11 @@ def in_good_order(
 ) -> frozenset[str]:
     """Return the families of effects that clean logs show as large, alone or all together: they were there before.
 
-    Clean logs are likelier with them, and no less so than with half of them. The linear formula about a robot without
-    them need not show that: of what passes for noise it sees little. How wheels disagree does not show it alone: where
-    most of what an effect causes has given way, what is left may look like anything that wheels in good order do, and
-    the more so the larger it is. good: clean logs linearised with this robot.
+    Clean logs are likelier with them than without them, and than with half of them: where all of what they cause has
+    given way, nothing tells any size. The linear formula about a robot without them need not show that: of what passes
+    for noise it sees little. How wheels disagree does not show it alone: where most of what an effect causes has given
+    way, what is left may look like anything that wheels in good order do, and the more so the larger it is. good: clean
+    logs linearised with this robot.
     """
 
     def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> tuple[float, float]:
@@ -46,7 +47,7 @@ def in_good_order(
     def shown(effects: Sequence[Sized]) -> bool:
         whole, of_motion = log_evidence(effects)
         likelier = whole > good.log_evidence + LOG_ODDS and of_motion > good.log_evidence_of_motion
-        return likelier and whole > log_evidence(effects, 0.5)[0]
+        return likelier and whole > log_evidence(effects, 0.5)[0] + LOG_ODDS
 
     sized = [effect for effect in named if not effect.candidate.kinds[0].binary]
     if len(sized) > 1 and shown(sized):

@@ -1,12 +1,13 @@
 """Effects that clean logs show as large, of logs with such an effect and without."""
 
+import dataclasses
 from functools import cache
 
 import numpy as np
 import pytest
 
 from castor_envs.effects.clocks import EncoderLatency
-from castor_envs.effects.dimensions import Track, WheelRadius
+from castor_envs.effects.dimensions import PivotPositionX, Track, WheelRadius
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
@@ -62,3 +63,19 @@ def test_a_latency_that_only_looks_like_how_wheels_disagree_was_not_there_before
     good = linearise(robot, logs, among=())
     for told in (0.03, 0.06):
         assert in_good_order(robot, logs, good, [of(Candidate("late", (kind,)), told)]) == frozenset()
+
+
+def test_clean_logs_of_which_all_has_given_way_show_no_size():
+    """Without a reference, motors that steer make wheels agree with the description, whatever the robot is like: a
+    module that is 70 mm farther ahead makes these logs likelier by 4 to 9, and so does half of that."""
+    robot = preset("swerve")
+    drives = [wander(np.random.default_rng([seed, 1]), duration=20.0) for seed in (1, 2, 3)]
+    logs = [
+        dataclasses.replace(drive(robot, course, seed, duration=20.0), reference=None)
+        for seed, course in enumerate(drives, start=1)
+    ]
+    good = linearise(robot, logs, among=())
+    for castor in (1, 2, 3, 4):
+        kind = PivotPositionX(castor=castor, value=PivotPositionX.step)
+        for size in (0.07, -0.1):
+            assert in_good_order(robot, logs, good, [of(Candidate("ahead", (kind,)), size)]) == frozenset()
