@@ -262,7 +262,7 @@ def answers_of(
         ]
         same_candidate = [k for k in members if places[k].candidate == candidate]
         weight = component.probability[same_candidate] / component.probability[same_candidate].sum()
-        mean, covariance = _mixed(weight, [single.sizes(score, k, others) for k in same_candidate])
+        mean, covariance = mixed(weight, [single.sizes(score, k, others) for k in same_candidate])
         called = {credible[0]: cause.family} if credible[0] in families else {}
         shown = {
             called.get(name, name): p
@@ -303,7 +303,7 @@ def _likeliest(
     )
 
 
-def _mixed(weight: Array, sizes: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+def mixed(weight: Array, sizes: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
     """Return mean and covariance of a mixture of distributions with these means and covariances."""
     means, covariances = (np.array(part) for part in zip(*sizes, strict=True))
     away = means - weight @ means

@@ -168,19 +168,22 @@ def hypotheses_of(
     scale = FAULT * tolerances(seen)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
-    about_fitted = seen.masked + ABOUT_FITTED
-    if seen.masked != 1:  # beyond 1 what is seen of an effect changes its sign
-        about_fitted = about_fitted[(about_fitted - 1) * (seen.masked - 1) > 0]
     hypotheses, places = [], []
     for k, (candidate, columns) in enumerate(zip(seen.candidates, seen.columns, strict=True)):
         if candidate.family in unseen:
             continue
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
-        parts = (about_fitted if candidate in in_model else PARTS).tolist() if hides else [0.0]
+        parts = (parts_about_fitted(seen) if candidate in in_model else PARTS).tolist() if hides else [0.0]
         share = 1 / families.count(families[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
         hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, scale, width) for part in parts]
         places += [Place(k, part) for part in parts]
     return hypotheses, places
+
+
+def parts_about_fitted(seen: Seen) -> Array:
+    """Return the parts (P,) of an effect in the model that wheel creep may mask, as fits found and near that."""
+    parts: Array = seen.masked + ABOUT_FITTED
+    return parts if seen.masked == 1 else parts[(parts - 1) * (seen.masked - 1) > 0]  # beyond 1 the sign changes
 
 
 def hypothesis_of(seen: Seen, place: Place, name: str, share: float, scale: Array, width: float = np.inf) -> Hypothesis:

@@ -7,11 +7,11 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, softmax
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate
-from discrepancy.posterior.answers import Answer, Cause, Place, Seen, answers_of
+from discrepancy.posterior.answers import Answer, Cause, Place, Seen, answers_of, mixed
 from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
 from discrepancy.posterior.model.exchange import exchanged, log_prior
 from discrepancy.posterior.model.refit import (
@@ -27,6 +27,7 @@ from discrepancy.posterior.model.refit import (
     sizes_of,
     statistics_of,
 )
+from discrepancy.posterior.priors import directions_in_model, parts_about_fitted
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 
@@ -160,8 +161,6 @@ def _by_fits(
 
 def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> Answer:
     """Return the answer on an effect in the model with log odds and a gain of log-likelihood by fits."""
-    columns = seen.columns[seen.candidates.index(effect.candidate)]
-    information = statistics_of([effect], seen).information
     return Answer(
         probabilities={effect.candidate.family: float(expit(log_odds)), "nothing": float(expit(-log_odds))},
         absent=float(expit(-log_odds)),
@@ -169,11 +168,25 @@ def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> A
         unnamed=False,
         candidate=effect.candidate,
         amplitudes=effect.amplitudes,
-        covariance=np.linalg.pinv(information, rcond=1e-9, hermitian=True).astype(np.float64),
-        cost=np.max(seen.cost[:, columns], axis=1),
+        covariance=_covariance(effect, seen),
+        cost=np.max(seen.cost[:, seen.columns[seen.candidates.index(effect.candidate)]], axis=1),
         hidden=seen.masked,
         explained=2 * gain,
     )
+
+
+def _covariance(effect: Sized, seen: Seen) -> Array:
+    """Return the covariance (c, c) of the amplitudes of an effect in the model: logs tell what is seen of it better
+    than which part of it wheels mask."""
+    logs, sizes, log_weight = summed(seen.logs), list[tuple[Array, Array]](), list[float]()
+    score = logs.at(-sizes_of([effect], seen)).score
+    for part in parts_about_fitted(seen).tolist():
+        direction = directions_in_model(seen, [effect.candidate], part)
+        information, of_effect = direction.T @ logs.information @ direction, direction.T @ score
+        covariance = np.linalg.pinv(information, rcond=1e-9, hermitian=True).astype(np.float64)
+        sizes.append((covariance @ of_effect, covariance))
+        log_weight.append(float(of_effect @ covariance @ of_effect - np.linalg.slogdet(information)[1]) / 2)
+    return mixed(softmax(log_weight), sizes)[1]
 
 
 def _as_fitted(vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Sequence[Sized], seen: S) -> list[Answer]:

@@ -14,7 +14,7 @@ from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.model.named_together import Asked, named_together
 from discrepancy.posterior.model.refit import families_of
-from discrepancy.posterior.random_effects import GoodOrder
+from discrepancy.posterior.random_effects import GoodOrder, Statistics
 
 ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
 PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
@@ -106,3 +106,28 @@ def test_a_size_is_told_as_fitted_where_a_fit_contradicts_the_posterior(less_lik
 
     *_, (found,) = named_together(ROBOT, look, ask, look(()))
     assert found.size == pytest.approx(PLACE.kinds[0].step * (1 if told == "as fitted" else 2))
+
+
+@pytest.mark.parametrize("shown_alone", [True, False])
+def test_of_what_wheels_mask_a_size_is_known_no_better_than_the_part(shown_alone, statistics_of):
+    """Half of an effect is masked, give or take a quarter; its size is that uncertain, if logs tell what is seen of it
+    and nothing else."""
+    possible = 0.5 / (1 - np.linspace(0.25, 0.75, 9))  # each the likelier, the less sizes change what is seen
+    mean = np.average(possible, weights=possible)
+    relative_error = np.average((possible - mean) ** 2, weights=possible) ** 0.5 if shown_alone else 0.01
+    size, each = PivotPositionX.step, 1e8 / PivotPositionX.step**2
+    information = each * np.array([[1.0, -1.0], [-1.0, 1.0]]) if shown_alone else each * np.eye(2)
+
+    def look(effects, *_) -> Any:
+        seen = statistics_of([effect.candidate for effect in effects], np.eye(len(effects)), 100.0 * len(effects))
+        seen.masked = 0.5
+        seen.logs = (Statistics(information, np.zeros(2)),) if effects else seen.logs
+        return seen
+
+    def ask(seen, named, without) -> Any:
+        none = np.zeros((2, 2)) if named else np.zeros((0, 0))
+        return Asked(posterior_of(NAMES), [] if named else [answer(PLACE, "a")], GoodOrder(np.diag(none), none, none))
+
+    *_, (found,) = named_together(ROBOT, look, ask, look(()))
+    assert found.size == pytest.approx(size)
+    assert found.error == pytest.approx(relative_error * size, rel=0.1, abs=0.01 * size)
