@@ -199,7 +199,8 @@ def _corrected(
         seen = model.counts + before
         turned = _turned(robot, channels, model, log, seen, state)
         corrections.append(seen - channels.unread(robot, log, seen, turned))
-        model.correct(corrections[-1] - before, channels.play(robot, log, turned, held) if loose else 0.0)
+        play = channels.play(robot, log, turned, held) if loose else 0.0
+        model.correct(corrections[-1] - before, play, channels.latencies(robot))
     return corrections
 
 

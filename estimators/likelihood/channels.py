@@ -79,7 +79,7 @@ class Channels:
     def undelayed(self, robot: RobotDescription, log: Log, excess: Array) -> Array:
         """Return an excess of readings (K, s + d), of late encoders at the times of what they read."""
         excess = excess.copy()
-        for column, latency in enumerate(self._latencies(robot)):
+        for column, latency in enumerate(self.latencies(robot)):
             if latency:
                 excess[:, column] = np.interp(log.t + latency, log.t, excess[:, column])
         return excess
@@ -107,7 +107,7 @@ class Channels:
             found[:, column] = np.hypot(found[:, column], size * self.per_rev[column] / (2 * np.pi))
         return found
 
-    def _latencies(self, robot: RobotDescription) -> Array:
+    def latencies(self, robot: RobotDescription) -> Array:
         """Return the latency of every encoder (s + d,), s."""
         columns = [*(len(robot.wheels) + self.sensed), *self.driven]
         total = np.zeros(len(robot.wheels) + len(robot.castors))

@@ -3,8 +3,9 @@
 Unknown, beside the description, is the state: at every sample the body's pose, the castors' angles and the wheels'.
 Known are
 
-    counts                   rounded: off by an even spread of one count; a run of equal counts is one reading; within
-                             a backlash the reading stands still, and is off by an even spread of the backlash
+    counts                   rounded: off by an even spread of one count; errors of a run of equal counts correlate, as
+                             the shaft moves by less than a count; within a backlash the reading stands still, and is
+                             off by an even spread of the backlash
     rolling, no side slip    kept from sample to sample but for slip, of variance slip^2 times the distance rolled, and
                              turning^2 times the angle by which a motor that steers turns the contact on the floor
     reference poses          off by independent errors, where they were taken (`measurements.poses`)
@@ -39,6 +40,10 @@ from estimators.likelihood.whitening import Whitening
 
 FLOOR = 1e-7
 """m: slip of a step in which nothing moves; it keeps the equations regular."""
+
+WITHIN = 2.0
+"""How often the correlation of rounding errors decays by e while a reading stays the same: that of a shaft that turns
+evenly through a count falls from 1 to -1."""
 
 MOVED = 1e-5
 """m and rad: step for derivatives of the volume by the mount."""
@@ -101,9 +106,9 @@ class LogLikelihood(RollingConstraints):
         steps = np.diff(log.pivot, axis=0, prepend=log.pivot[:1])
         pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
         self._counts = np.column_stack([pivot, log.wheel])
-        self._share = np.apply_along_axis(_share_of_reading, 0, self._counts)
-        self._play = np.zeros(self._counts.shape)
-        self._readings = np.sqrt(12 * self._share)
+        self._alike, self._spread = np.stack([_of_runs(column) for column in self._counts.T], axis=-1)
+        self._play, self._latencies = np.zeros(self._counts.shape), np.zeros(self._counts.shape[1])
+        self._weigh_counts()
         self._poses, self._gyro = ReferencePoses(log, self._counts), GyroRates(layout, log)
         self._expected = np.zeros((len(log) - 1, len(self._used)))
         self._doubt: Array | float = 0.0
@@ -111,16 +116,31 @@ class LogLikelihood(RollingConstraints):
         self._jitter = 0.0
         self._stiffness: Array | None = None
 
-    def correct(self, excess: Array, play: Array | float = 0.0) -> None:
+    def correct(self, excess: Array, play: Array | float = 0.0, latencies: Array | None = None) -> None:
         """Subtract a known excess of readings from the counts (K, s + d). play: standard deviation, in counts, of
-        readings that stand still while the encoder's shaft moves within its play; 0 of those that follow.
+        readings that stand still while the encoder's shaft moves within its play; 0 of those that follow. latencies
+        (s + d,): s, after which encoders were read; None: at once.
 
         A reading that stands still says where the shaft is to no better than the play, but what it reads is as certain
         as of any: as a density of the reading it is as high as others, and wider (`_of_play`).
         """
         self._counts = self._counts - excess
         self._play = np.broadcast_to(np.square(play), self._counts.shape)
-        self._readings = np.sqrt(self._share / (1 / 12 + self._play))
+        self._latencies = self._latencies if latencies is None else latencies
+        self._weigh_counts()
+
+    def _weigh_counts(self) -> None:
+        """Set variances of errors of counts (K, s + d), the part of each error that is kept from the sample before, and
+        one over the standard deviation of what is new in it."""
+        when = [self._t + latency for latency in self._latencies.tolist()]
+        alike, spread = (
+            np.column_stack([np.interp(t, self._t, column) for t, column in zip(when, of.T, strict=True)])
+            for of in (self._alike, self._spread)
+        )
+        self._variances = (1 / 12 + self._play) * spread
+        size = np.sqrt(self._variances)
+        self._kept = alike * size / np.concatenate([size[:1], size[:-1]])
+        self._readings = 1 / (size * np.sqrt(1 - alike**2))
 
     def expect(self, slips: Array, doubt: Array | float = 0.0) -> None:
         """Set the expected slips (K - 1, rows), m, of steps, instead of 0; doubt: their standard deviation about what
@@ -192,7 +212,13 @@ class LogLikelihood(RollingConstraints):
     def score_by_counts(self, state: Array) -> Array:
         """Return the score (K, s + d): derivatives of the log-likelihood by an excess of counts, at the most likely
         state."""
-        return self._readings**2 * (self._counts - state[:, 3:])
+        score = self._readings**2 * self._new(self._counts - state[:, 3:])
+        score[:-1] -= (self._kept * score)[1:]
+        return score
+
+    def _new(self, off: Array) -> Array:
+        """Return errors of counts (K, s + d) less what those of the sample before let expect."""
+        return np.concatenate([off[:1], off[1:] - self._kept[1:] * off[:-1]])
 
     def start(self, geometry: Geometry) -> Array:
         """Return a state (K, m) to begin with: counts as read, poses by odometry bent to meet all reference poses.
@@ -366,7 +392,7 @@ class LogLikelihood(RollingConstraints):
         if not np.any(free):
             return 0.0
         play = self._play[free]
-        others = 1 / np.maximum(1 / variances()[:, 3:][free] - self._readings[free] ** 2, 1e-12)
+        others = 1 / np.maximum(1 / variances()[:, 3:][free] - 1 / self._variances[free], 1e-12)
         return float(np.sum(np.log((1 / 12 + play) / (1 / 12 + np.minimum(play, others))))) / 2
 
     def _by_fields(self, name: str, left: Array, steps: slice, slipping: Whitening) -> list[tuple[str, Array]]:
@@ -388,7 +414,7 @@ class LogLikelihood(RollingConstraints):
         `_values`."""
         of_poses = self._poses.weights(state, noise.position, noise.heading, self._jitter)
         of_gyro = {"gyro": self._gyro.weights(noise.gyro)} if self.gyro_steps else {}
-        return {"counts": self._readings} | of_poses | of_gyro
+        return {"first": self._readings[:1], "counts": self._readings[1:]} | of_poses | of_gyro
 
     def _whitening(self, geometry: Geometry, state: Array, noise: Noise) -> Whitening:
         """Return how slips at a state are made independent, each of standard deviation 1."""
@@ -422,7 +448,8 @@ class LogLikelihood(RollingConstraints):
     ) -> dict[str, Array]:
         """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "slips",
         "pinned", or the field of `Noise` that weights them. in_constraints: from `residuals`."""
-        residuals = {"counts": state[:, 3:] - self._counts} | self._poses.off(state, clock, mount)
+        off = self._new(state[:, 3:] - self._counts)
+        residuals = {"first": off[:1], "counts": off[1:]} | self._poses.off(state, clock, mount)
         if self.gyro_steps:
             residuals["gyro"] = self._gyro.off(state, self._gyro.numbers(state, weights["gyro"]))
         slips = slipping.applied(slice(None), (in_constraints - self._expected)[..., None])[..., 0]
@@ -452,10 +479,18 @@ class LogLikelihood(RollingConstraints):
         by_start, by_end = by_start[:, of_row, numbers_of], by_end[:, of_row, numbers_of]
         values = self._values(residual, state, clock, mount, weights, slipping)
 
-        def read(chosen: slice, excess: ByBlocks) -> Array:
+        weight, kept = self._readings[..., None], self._kept[..., None]
+
+        def read_first(chosen: slice, excess: ByBlocks) -> Array:
             by = np.zeros((*self._readings[chosen].shape, count))
-            end = first + excess.shape[-1]
-            np.multiply(self._readings[chosen, :, None], excess[chosen], out=by[..., first:end])
+            np.multiply(weight[chosen], excess[chosen], out=by[..., first : first + excess.shape[-1]])
+            return by
+
+        def read(chosen: slice, excess: ByBlocks) -> Array:
+            of_samples, at = excess[chosen.start : chosen.stop + 1], slice(chosen.start + 1, chosen.stop + 1)
+            by = np.zeros((*self._readings[at].shape, count))
+            new = of_samples[1:] - kept[at] * of_samples[:-1]
+            np.multiply(weight[at], new, out=by[..., first : first + excess.shape[-1]])
             return by
 
         def by_state(chosen: slice, derivatives: Array) -> Array:
@@ -463,11 +498,18 @@ class LogLikelihood(RollingConstraints):
             by[:, of_row, numbers_of] = derivatives[chosen]
             return slipping.applied(chosen, by)
 
-        def by_counts(chosen: slice) -> Array:
-            return self._readings[chosen, :, None] * eye[3:]
+        def by_counts(chosen: slice, factor: Array) -> Array:
+            return factor[chosen] * eye[3:]
 
-        numbers = partial(read, excess=extra.readings) if extra and extra.readings.shape[-1] else None
-        kinds = {"counts": Rows(samples, values["counts"], by_counts, numbers=numbers)}
+        of_last, of_this = (partial(by_counts, factor=factor[1:]) for factor in (-weight * kept, weight))
+        of_first, of_counts = (
+            partial(by, excess=extra.readings) if extra and extra.readings.shape[-1] else None
+            for by in (read_first, read)
+        )
+        kinds = {
+            "first": Rows(samples[:1], values["first"], partial(by_counts, factor=weight), numbers=of_first),
+            "counts": Rows(samples[:-1], values["counts"], of_last, of_this, of_counts),
+        }
 
         by_geometry = partial(self._by_change, geometry, changed, change, state)
         if count <= FEW:  # they are asked for three times
@@ -515,8 +557,15 @@ def moved_along(state: Array, step: Array) -> Array:
     return moved
 
 
-def _share_of_reading(counts: Array) -> Array:
-    """Return for every count (K,) one over the length of the run of equal counts that it is in."""
+def _of_runs(counts: Array) -> tuple[Array, Array]:
+    """Return the correlation of the error of every count (K,) with that of the count before, and the variance of the
+    error over that of an even spread of one count.
+
+    While a run of equal counts lasts, the shaft moves by less than one count. A run is one reading: of a shaft that
+    stands it tells as much as one count.
+    """
     begins = np.concatenate([[True], np.diff(counts) != 0])
     run = np.cumsum(begins) - 1
-    return 1.0 / np.bincount(run)[run]
+    length = np.bincount(run)[run]
+    alike = np.exp(-WITHIN / length)
+    return np.where(begins, 0.0, alike), 1 + (length - 1) * (1 - alike) / (1 + alike)
