@@ -42,7 +42,7 @@ from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
-from discrepancy.posterior.variances.lost import advantage, lossy_above, lossy_encoders
+from discrepancy.posterior.variances.lost import advantage, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, verdict_of
 from discrepancy.validation.cost import WAY
@@ -265,7 +265,12 @@ class _Search:
         best = max(self.seen.log_evidence, as_it_is.log_evidence) + least
         fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, best)
         shown = beside.log_evidence_of_motion > as_it_is.log_evidence_of_motion + least  # what gives way fits any speed
-        return fitted if shown and beside.log_evidence > best else None
+        if not shown or beside.log_evidence <= best:
+            return None
+        instead = self.likelier(of_same_wheel(effects[-1], self.named, self.seen))
+        if instead is None or beside.log_evidence > instead[1].log_evidence + advantage(effects, effects, self.odds):
+            return fitted
+        return instead[0]
 
     def lossy_encoders(self, besides: Collection[str] = ()) -> list[Sized]:
         """Return the loss of counts that the logs show best beside the effects in the model, if they show one; besides:

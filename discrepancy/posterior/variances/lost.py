@@ -24,7 +24,8 @@ from discrepancy.measurement.fit_states import wheel_readings
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.model.refit import Effects, Sized, statistics_of
+from discrepancy.posterior.model.named_together import by_formula
+from discrepancy.posterior.model.refit import Effects, Sized, families_of, statistics_of
 from discrepancy.posterior.priors import bounds_of
 from estimators.likelihood.channels import Channels
 
@@ -95,6 +96,23 @@ def advantage(effects: Sequence[Sized], named: Sequence[Sized], odds: float) -> 
     """Return the log-likelihood ratio from which on effects, a loss above a speed that was chosen among them, are
     likelier than those in the model (`named`) by the ratio of a credible set. odds: prior log odds of an effect."""
     return LOG_ODDS + math.log(len(SPEEDS)) - (len(effects) - len(named)) * odds
+
+
+def of_same_wheel(loss: Sized, named: Sequence[Sized], seen: Linearised) -> list[Sized]:
+    """Return the effect of the catalogue that is of the same wheel as a loss, and not in the model (`named`), with
+    which logs are the likeliest by the linear formula, if there is one: above a speed that is nearly always exceeded,
+    a loss looks like a wheel of another radius."""
+    (lossy,) = loss.candidate.kinds
+    assert isinstance(lossy, TickLoss)
+    found = [
+        by_formula(candidate, seen)
+        for candidate in seen.candidates
+        if candidate.kinds
+        and getattr(candidate.kinds[0], "castor", None) == lossy.castor
+        and getattr(candidate.kinds[0], "wheel", None) == lossy.wheel
+        and candidate.family not in families_of(named)
+    ]
+    return [max(found, key=itemgetter(1))[0]] if found else []
 
 
 def _at_speeds(robot: RobotDescription, logs: Sequence[Log]) -> Iterator[tuple[Candidate, float]]:

@@ -1,6 +1,7 @@
 """Counts that an encoder loses at speed are found where no linear signature shows them."""
 
 import math
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -10,11 +11,11 @@ from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.encoders import TickLoss
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.presets import preset
-from discrepancy.hypotheses.candidates import candidates_of, signatures_of
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, signatures_of
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
-from discrepancy.posterior.model.refit import with_effects
-from discrepancy.posterior.variances.lost import lossy_above, lossy_encoders
+from discrepancy.posterior.model.refit import Sized, with_effects
+from discrepancy.posterior.variances.lost import lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("omni3")
@@ -87,6 +88,15 @@ def test_no_speed_is_found_where_nothing_is_lost():
         return linearise(with_effects(ROBOT, effects), [log], among=among)
 
     assert lossy_above(ROBOT, [log], (), look, -8.0) is None
+
+
+def test_the_rival_of_a_loss_at_any_speed_is_the_radius_of_its_wheel():
+    seen = linearise(ROBOT, [log_of(1, WheelRadius(castor=1, wheel=1, value=0.002))])
+    loss = replace(LOSS, above=0.5, direction="both")
+    (rival,) = of_same_wheel(Sized(Candidate("loss", (loss,)), np.array([0.002])), (), seen)
+    assert rival.candidate.family == "wheel_radius 1 1"
+    assert rival.size == pytest.approx(0.002, rel=0.2)
+    assert of_same_wheel(Sized(Candidate("loss", (loss,)), np.array([0.002])), (rival,), seen) != [rival]
 
 
 def gap_of(seen):
