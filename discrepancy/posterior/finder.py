@@ -264,13 +264,18 @@ class _Search:
         least = advantage(effects, self.named, self.odds)
         best = max(self.seen.log_evidence, as_it_is.log_evidence) + least
         fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, best)
-        shown = beside.log_evidence_of_motion > as_it_is.log_evidence_of_motion + least  # what gives way fits any speed
-        if not shown or beside.log_evidence <= best:
+
+        def exceeds(than: Linearised, by: float) -> bool:
+            """By the motion, too: what gives way fits any speed."""
+            of_motion = beside.log_evidence_of_motion - than.log_evidence_of_motion
+            return min(beside.log_evidence - than.log_evidence, of_motion) > by
+
+        if beside.log_evidence <= best or not exceeds(as_it_is, least):
             return None
-        instead = self.likelier(of_same_wheel(effects[-1], self.named, self.seen))
-        if instead is None or beside.log_evidence > instead[1].log_evidence + advantage(effects, effects, self.odds):
+        rival = self.likelier(of_same_wheel(effects[-1], self.named, self.seen))
+        if rival is None or exceeds(rival[1], advantage(effects, effects, self.odds)):
             return fitted
-        return instead[0]
+        return rival[0]
 
     def lossy_encoders(self, besides: Collection[str] = ()) -> list[Sized]:
         """Return the loss of counts that the logs show best beside the effects in the model, if they show one; besides:
