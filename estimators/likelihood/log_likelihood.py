@@ -106,7 +106,7 @@ class LogLikelihood(RollingConstraints):
         steps = np.diff(log.pivot, axis=0, prepend=log.pivot[:1])
         pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
         self._counts = np.column_stack([pivot, log.wheel])
-        self._alike, self._spread = np.stack([_of_runs(column) for column in self._counts.T], axis=-1)
+        self._alike, self._spread, self._length = np.stack([_of_runs(column) for column in self._counts.T], axis=-1)
         self._play, self._latencies = np.zeros(self._counts.shape), np.zeros(self._counts.shape[1])
         self._weigh_counts()
         self._poses, self._gyro = ReferencePoses(log, self._counts), GyroRates(layout, log)
@@ -133,10 +133,12 @@ class LogLikelihood(RollingConstraints):
         """Set variances of errors of counts (K, s + d), the part of each error that is kept from the sample before, and
         one over the standard deviation of what is new in it."""
         when = [self._t + latency for latency in self._latencies.tolist()]
-        alike, spread = (
+        alike, spread, length = (
             np.column_stack([np.interp(t, self._t, column) for t, column in zip(when, of.T, strict=True)])
-            for of in (self._alike, self._spread)
+            for of in (self._alike, self._spread, self._length)
         )
+        free = self._play > 0  # within a play nothing holds the shaft
+        alike, spread = np.where(free, 0.0, alike), np.where(free, length, spread)
         self._variances = (1 / 12 + self._play) * spread
         size = np.sqrt(self._variances)
         self._kept = alike * size / np.concatenate([size[:1], size[:-1]])
@@ -557,9 +559,9 @@ def moved_along(state: Array, step: Array) -> Array:
     return moved
 
 
-def _of_runs(counts: Array) -> tuple[Array, Array]:
-    """Return the correlation of the error of every count (K,) with that of the count before, and the variance of the
-    error over that of an even spread of one count.
+def _of_runs(counts: Array) -> tuple[Array, Array, Array]:
+    """Return the correlation of the error of every count (K,) with that of the count before, the variance of the error
+    over that of an even spread of one count, and the length of the run of equal counts.
 
     While a run of equal counts lasts, the shaft moves by less than one count. A run is one reading: of a shaft that
     stands it tells as much as one count.
@@ -568,4 +570,4 @@ def _of_runs(counts: Array) -> tuple[Array, Array]:
     run = np.cumsum(begins) - 1
     length = np.bincount(run)[run]
     alike = np.exp(-WITHIN / length)
-    return np.where(begins, 0.0, alike), 1 + (length - 1) * (1 - alike) / (1 + alike)
+    return np.where(begins, 0.0, alike), 1 + (length - 1) * (1 - alike) / (1 + alike), length.astype(np.float64)

@@ -33,6 +33,15 @@ def test_errors_of_a_run_of_equal_counts_correlate():
         np.testing.assert_allclose(model.score_by_counts(state)[:, column], expected, rtol=1e-9)
 
 
+def test_within_a_play_nothing_holds_the_shaft():
+    """Errors of four equal readings are then independent, and tell as much as one reading that is off by the play."""
+    model = LogLikelihood(TRICYCLE, Log(0.05 * np.arange(4), 3.0 * np.arange(4)[:, None], np.zeros((4, 1))))
+    model.correct(np.zeros((4, 2)), np.array([5.0, 0.0]))
+    off = np.random.default_rng(1).normal(size=(4, 2))
+    state = np.column_stack([np.zeros((4, 3)), model.counts - off])
+    np.testing.assert_allclose(model.score_by_counts(state), off / np.array([4 * (1 / 12 + 25), 1 / 12]), rtol=1e-9)
+
+
 @pytest.fixture(scope="module")
 def to_and_fro():
     """A tricycle goes straight, ahead and back, for 20 m; its steering encoder reads 0 all the time, rightly."""
