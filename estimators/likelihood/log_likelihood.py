@@ -448,8 +448,8 @@ class LogLikelihood(RollingConstraints):
         weights: dict[str, Array],
         slipping: Whitening,
     ) -> dict[str, Array]:
-        """Return the residuals of a state in all equations, in standard deviations, by kind: "counts", "slips",
-        "pinned", or the field of `Noise` that weights them. in_constraints: from `residuals`."""
+        """Return the residuals of a state in all equations, in standard deviations, by kind: "first" and the other
+        "counts", "slips", "pinned", or the field of `Noise` that weights them. in_constraints: from `residuals`."""
         off = self._new(state[:, 3:] - self._counts)
         residuals = {"first": off[:1], "counts": off[1:]} | self._poses.off(state, clock, mount)
         if self.gyro_steps:

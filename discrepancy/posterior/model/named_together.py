@@ -12,7 +12,7 @@ from scipy.special import expit, softmax
 from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.answers import Answer, Cause, Place, Seen, answers_of, mixed
-from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE, prior_log_odds
+from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE, prior_log_odds
 from discrepancy.posterior.model.exchange import exchanged, log_prior
 from discrepancy.posterior.model.refit import (
     Effects,
@@ -177,12 +177,13 @@ def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> A
 
 def _covariance(effect: Sized, seen: Seen) -> Array:
     """Return the covariance (c, c) of the amplitudes of an effect in the model: logs tell what is seen of it better
-    than which part of it wheels mask."""
+    than which part of it wheels mask. Its prior keeps a part of which they tell nothing regular."""
+    prior = np.eye(len(effect.amplitudes)) / (FAULT * effect.candidate.kinds[0].tolerance) ** 2
     logs, sizes, log_weight = summed(seen.logs), list[tuple[Array, Array]](), list[float]()
     score = logs.at(-sizes_of([effect], seen)).score
     for part in parts_about_fitted(seen).tolist():
         direction = directions_in_model(seen, [effect.candidate], part)
-        information, of_effect = direction.T @ logs.information @ direction, direction.T @ score
+        information, of_effect = direction.T @ logs.information @ direction + prior, direction.T @ score
         covariance = np.linalg.pinv(information, rcond=1e-9, hermitian=True).astype(np.float64)
         sizes.append((covariance @ of_effect, covariance))
         log_weight.append(float(of_effect @ covariance @ of_effect - np.linalg.slogdet(information)[1]) / 2)
