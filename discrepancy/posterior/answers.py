@@ -107,6 +107,11 @@ class Seen(Protocol):
         ...
 
     @property
+    def log_evidence_of_motion(self) -> float:
+        """The log evidence without how far wheels disagree."""
+        ...
+
+    @property
     def gap(self) -> tuple[float, float] | None:
         """Gap between odometry and reference, m and rad; None for logs without a reference."""
         ...

@@ -77,6 +77,11 @@ class Linearised:
         return -self.fit.deviance / 2
 
     @property
+    def log_evidence_of_motion(self) -> float:
+        """All of the log evidence: axles that disagree are a part of the motion."""
+        return self.log_evidence
+
+    @property
     def gap(self) -> tuple[float, float] | None:
         """Error of the train's localisation by counts and relative poses within `HORIZON` against the reference, m and
         rad (rms); None without a reference, or where there is no solution."""

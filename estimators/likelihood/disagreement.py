@@ -7,7 +7,7 @@ usual disagreement is therefore estimated as a noise level, and what exceeds it 
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from operator import itemgetter
 
@@ -47,12 +47,18 @@ they end: the usual size follows what is left."""
 BY_TURNING = (0.0, *np.geomspace(1e-5, 1e-2, 16).tolist())
 """Amounts that are tried of disagreement of contacts that motors turn on the floor, m after 1 rad."""
 
+TURNED = 1e-3
+"""m after 1 rad: prior standard deviation of what contacts that motors turn on the floor slip on average, along and
+across, alike on all castors: they hardly turn about the middle of a tyre, but about a point of its contact patch. Four
+clean logs of a `powered-caster` to and fro show 0.9 to 1.4 mm across."""
+
 BODY = 3
 """Degrees of freedom of the body's motion, which is fitted to the rows of every step."""
 
-LASTING = (0.9, 0.95, 0.98)
-"""Correlations that are tried of disagreement in neighbouring long windows that lasts: on a circle it is the same all
-the time, so that its windows are hardly more than one measurement."""
+LASTING = (0.0, 0.9, 0.95, 0.98)
+"""Correlations that are tried of disagreement in neighbouring long windows, in which no motor turns contacts. It may
+last: on a circle it is the same all the time, so that its windows are hardly more than one measurement, and wheels that
+were driven against each other as castors turned go on so until these turn again, by about 1 rad."""
 
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
@@ -66,20 +72,22 @@ class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
-    cause. uneven (W, rows): what one row may disagree more, for each standard deviation of one number of that row,
-    which all windows share; in `seen` it has its likeliest value. turned (W, rows): standard deviation of what motors
-    that turn contacts on the floor cause, if that is 1 m after 1 rad. by_size (W, rows, C): change of disagreement per
+    cause. shared (W, rows, n): disagreement for each standard deviation of n numbers that all windows share
+    (`_shared`); in `seen` they have their likeliest values. turned (W, rows): standard deviation of what motors
+    that turn contacts on the floor cause, if that is 1 m after 1 rad; linked (W, rows): part that turning leaves of
+    what was there in the window before. by_size (W, rows, C): change of disagreement per
     unit of each candidate's size, in single precision. counted (W,): windows that count. along (rows,): true for
     rolling constraints, false for side slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean
     of its window. steps (W,): number of steps in each window. quick: information (C, C), score (C,) and log-likelihood
-    by how short windows differ within these, and product (rows, C) of changes by sizes and of `uneven` there, and its
-    square (rows,). share: part of what the robot's effects cause that is there; NaN: they cause none.
+    by how short windows differ within these, and products of `shared` there with changes by sizes (n, C) and with
+    itself (n, n). share: part of what the robot's effects cause that is there; NaN: they cause none.
     """
 
     seen: Array
     doubt: Array
-    uneven: Array
+    shared: Array
     turned: Array
+    linked: Array
     by_size: NDArray[np.float32]
     counted: NDArray[np.bool_]
     along: NDArray[np.bool_]
@@ -108,7 +116,9 @@ class Disagreement:
         counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
         along = model.rows < len(geometry.radius)
         turns = model.turned(geometry, state)
-        turned = _part_of_way(turns, starts, rolled)
+        turned = _part_of_way(np.abs(turns), starts, rolled)
+        linked = _linked(counted)[:, None] * np.exp(-np.add.reduceat(np.abs(turns), starts, axis=0))
+        by_turning = _by_turning(model, geometry, state, turns, along)
         shares = [(0.0, 0.0)]
         if np.any(caused):
             free = ~released.any(axis=1)
@@ -116,38 +126,40 @@ class Disagreement:
             shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0)]
             shares += [(share, UNEVEN * float(np.hypot(share, 1 - share)))]  # by row: what vanishes, and what is left
 
-        def beside(left: Array, uneven: Array) -> tuple[Array, _Quick, Array, Array, float]:
-            """Return disagreement in long and short windows, score and information on what each row disagrees more,
-            and the log-likelihood."""
+        def beside(left: Array, shared: Array) -> tuple[Array, _Quick, Array, Array, float]:
+            """Return disagreement in long and short windows, score (n,) and information (n, n) on numbers that windows
+            share, and the log-likelihood."""
             of_way = np.add.reduceat(left, starts, axis=0) / rolled[:, None]
-            quick = _Quick.of(left, uneven, turns, way, short, parts, along, counted)
-            usual = _usual(of_way, counted, along, turned)
+            quick = _Quick.of(left, shared, turns, way, short, parts, along, counted)
+            usual = _usual(of_way, counted, along, turned, linked)
             independent = usual.whitened(of_way)
             weight, likely = _weighed(independent, usual, counted)
-            by_quick, quickly = quick.by_row()
-            shown = usual.whitened(np.add.reduceat(uneven, starts, axis=0) / rolled[:, None]) * weight
-            score, information = np.sum(independent * weight * shown, axis=0), 1 + np.sum(shown**2, axis=0)
-            return of_way, quick, score + by_quick, information + quickly, likely + quick.likely
+            shown = usual.whitened(_summed(shared, starts, rolled)) * weight[..., None]
+            score, information = (
+                of_long + of_short
+                for of_long, of_short in zip(_of_shared(shown, independent * weight), quick.of_shared(), strict=True)
+            )
+            return of_way, quick, score, np.eye(len(score)) + information, likely + quick.likely
 
         found = []
         for share, by_row in shares:
-            left, uneven, more = seen - share * caused, by_row * caused, np.zeros(len(along))
-            of_way, quick, score, information, likely = beside(left, uneven)
-            for _ in range(MOST_ROUNDS if by_row else 0):
-                change = (score - more) / information
-                more = more + change
-                of_way, quick, score, information, likely = beside(left - more * uneven, uneven)
-                if np.all(np.abs(change) < SETTLED * information**-0.5):
+            left, shared = seen - share * caused, by_turning
+            if by_row:
+                shared = np.concatenate([by_turning, (by_row * caused)[..., None] * np.eye(len(along))], axis=-1)
+            numbers = np.zeros(shared.shape[-1])
+            of_way, quick, score, information, likely = beside(left, shared)
+            for _ in range(MOST_ROUNDS if len(numbers) else 0):
+                change = np.linalg.solve(information, score - numbers)
+                numbers = numbers + change
+                of_way, quick, score, information, likely = beside(left - shared @ numbers, shared)
+                if change @ information @ change < SETTLED**2 * len(numbers):
                     break
-            unlikely = float(np.sum(more**2)) / 2
+            unlikely = float(np.sum(numbers**2)) / 2
             quick.likely -= unlikely
-            likely -= unlikely + float(np.sum(np.log(information))) / 2
-            found.append((likely, of_way, quick, share, uneven))
-        _, of_way, quick, share, uneven = max(found, key=itemgetter(0))
-        doubt, uneven = (
-            np.add.reduceat(of_steps, starts, axis=0) / rolled[:, None]
-            for of_steps in (UNEVEN * np.abs(share * caused), uneven)
-        )
+            likely -= unlikely + float(np.linalg.slogdet(information)[1]) / 2
+            found.append((likely, of_way, quick, share, shared))
+        _, of_way, quick, share, shared = max(found, key=itemgetter(0))
+        doubt = np.add.reduceat(UNEVEN * np.abs(share * caused), starts, axis=0) / rolled[:, None]
         by_size = []
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
         for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
@@ -161,8 +173,9 @@ class Disagreement:
         return cls(
             seen=of_way,
             doubt=doubt,
-            uneven=uneven,
+            shared=_summed(shared, starts, rolled),
             turned=turned,
+            linked=linked,
             by_size=np.concatenate(by_size),
             counted=counted,
             along=along,
@@ -180,7 +193,7 @@ class Disagreement:
 
     @cached_property
     def _noise(self) -> "_Usual":
-        return _usual(self.seen, self.counted, self.along, self.turned)
+        return _usual(self.seen, self.counted, self.along, self.turned, self.linked)
 
     @property
     def usual(self) -> Array:
@@ -192,7 +205,7 @@ class Disagreement:
     def scale(self) -> Array:
         """The usual size (W, rows) beside the effects in the model: where these cause much, it is larger. By medians
         alone, so that what happens at times, and lasts then, does not affect it."""
-        usual = _usual(self.seen, self.counted, self.along, self.turned, may_last=False)
+        usual = _usual(self.seen, self.counted, self.along, self.turned, np.zeros_like(self.linked))
         return np.hypot(usual.size, self.doubt)
 
     def beside(self, columns: Sequence[int]) -> Array:
@@ -216,15 +229,16 @@ class Disagreement:
     def statistics(self) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
         where all of these are 0."""
-        seen, uneven = self._noise.whitened(self.seen), self._noise.whitened(self.uneven)
+        seen = self._noise.whitened(self.seen)
         weight, likely = _weighed(seen, self._noise, self.counted)
-        by_size, seen, uneven = self._noise.whitened(self.by_size) * weight[..., None], seen * weight, uneven * weight
-        columns = by_size.reshape(self.seen.size, -1)
-        information, score = columns.T @ columns, columns.T @ seen.reshape(-1)
-        crossed = np.einsum("wr,wrc->rc", uneven, by_size) + self.quick[3]
-        of_rows = 1 + np.sum(uneven**2, axis=0) + self.quick[4]
-        information = information + self.quick[0] - (crossed.T / of_rows) @ crossed
-        score, likely = score + self.quick[1], likely + self.quick[2] - float(np.sum(np.log(of_rows))) / 2
+        by_size, shared = (self._noise.whitened(of) * weight[..., None] for of in (self.by_size, self.shared))
+        columns, shared = by_size.reshape(self.seen.size, -1), shared.reshape(self.seen.size, -1)
+        information, score = columns.T @ columns, columns.T @ (seen * weight).reshape(-1)
+        crossed, of_shared = shared.T @ columns + self.quick[3], shared.T @ shared + self.quick[4]
+        of_shared = np.eye(len(of_shared)) + of_shared
+        information = information + self.quick[0] - crossed.T @ np.linalg.solve(of_shared, crossed)
+        score = score + self.quick[1]
+        likely += self.quick[2] - float(np.linalg.slogdet(of_shared)[1]) / 2
         masked = np.array([[1.0, -1.0], [-1.0, 1.0]])  # the masked amount of a size disagrees less by as much
         return np.kron(masked, information).astype(np.float64), np.concatenate([score, -score]), likely
 
@@ -237,7 +251,8 @@ class _Quick:
         """rolled, way (V,): way of each of V short windows, and the same as a divisor. short: steps in a short window;
         parts: short windows in a long one."""
         self._rolled, self._way, self._short, self._parts = rolled, way, short, parts
-        self._seen = self._weight = self._uneven = np.zeros((0, 0))
+        self._seen = self._weight = np.zeros((0, 0))
+        self._shared = np.zeros((0, 0, 0))
         self._sums: tuple[Array | float, Array | float, Array | float] = (0.0, 0.0, 0.0)
         self.likely = 0.0
 
@@ -245,7 +260,7 @@ class _Quick:
     def of(
         cls,
         disagreement: Array,
-        uneven: Array,
+        shared: Array,
         turns: Array,
         way: Array,
         short: int,
@@ -253,22 +268,22 @@ class _Quick:
         along: NDArray[np.bool_],
         counted: NDArray[np.bool_],
     ) -> "_Quick":
-        """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,), and for what each row may
-        disagree more, likewise; turns (K - 1, rows): variance of what motors that turn contacts on the floor cause;
-        counted (W,): long windows that count."""
+        """Return this for the disagreement (K - 1, rows) in steps, m, of this way (K - 1,), and for that by numbers
+        which all windows share (K - 1, rows, n); turns (K - 1, rows): angles by which motors turn contacts on the
+        floor, rad; counted (W,): long windows that count."""
         starts = np.arange(0, len(way), short)
         quick = cls(_rolled(way, starts), np.add.reduceat(way, starts), short, parts)
         quick._seen = quick._differences(disagreement, slice(0, len(way)))
         counts = np.repeat(counted, parts)[: len(starts)]
         sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
-        turned = _part_of_way(turns, starts, quick._rolled)
+        turned = _part_of_way(np.abs(turns), starts, quick._rolled)
         free = (parts - 1) / parts
-        quick._uneven = quick._differences(uneven, slice(0, len(way)))
-        usual = _with_turning(
-            quick._seen, _Usual.independent(np.where(along, *sizes), len(counts)), counts, turned, free
-        )
-        weight, quick.likely = _weighed(usual.whitened(quick._seen), usual, counts, free)
-        quick._weight = weight / usual.size
+        quick._shared = quick._differences(shared, slice(0, len(way)))
+        independent = np.where(along, *sizes), np.zeros_like(turned)
+        each = [_Usual.of(*independent, by_turning * turned) for by_turning in BY_TURNING]
+        weighed = [(_weighed(usual.whitened(quick._seen), usual, counts, free), usual) for usual in each]
+        (weight, quick.likely), usual = max(weighed, key=lambda one: one[0][1])
+        quick._weight = weight / usual.new
         return quick
 
     def add(self, by_size: Array, steps: slice) -> None:
@@ -278,20 +293,19 @@ class _Quick:
         seen = (self._seen * self._weight)[windows].reshape(-1)
         columns = (differences * self._weight[windows, :, None]).reshape(len(seen), by_size.shape[-1])
         information, score, crossed = self._sums
-        uneven = (self._uneven * self._weight**2)[windows]
-        crossed = crossed + np.einsum("vr,vrc->rc", uneven, differences)
+        shared = (self._shared * self._weight[..., None])[windows].reshape(len(seen), -1)
+        crossed = crossed + shared.T @ columns
         self._sums = information + columns.T @ columns, score + columns.T @ seen, crossed
 
-    def by_row(self) -> tuple[Array, Array]:
-        """Return score and information (rows,) of what each row disagrees more, in its standard deviations."""
-        shown = self._uneven * self._weight
-        return np.sum(self._seen * self._weight * shown, axis=0), np.sum(shown**2, axis=0)
+    def of_shared(self) -> tuple[Array, Array]:
+        """Return score (n,) and information (n, n) of the numbers that all windows share, in standard deviations."""
+        return _of_shared(self._shared * self._weight[..., None], self._seen * self._weight)
 
     def statistics(self) -> tuple[Array, Array, float, Array, Array]:
-        """Return information (C, C) and score (C,) of sizes, the log-likelihood where all are 0, the product (rows, C)
-        of changes by sizes and of what each row may disagree more, and the square (rows,) of that."""
+        """Return information (C, C) and score (C,) of sizes, the log-likelihood where all are 0, and the products of
+        disagreement by shared numbers with that by sizes (n, C) and with itself (n, n)."""
         information, score, crossed = (np.asarray(of_sizes) for of_sizes in self._sums)
-        return information, score, self.likely, crossed, self.by_row()[1]
+        return information, score, self.likely, crossed, self.of_shared()[1]
 
     def _differences(self, by_step: Array, steps: slice) -> Array:
         """Return sums over short windows (v, ...) beyond their share of the long window's sum, over the way."""
@@ -311,6 +325,30 @@ def _rolled(way: Array, starts: NDArray[np.intp]) -> Array:
     return np.hypot(rolled, np.median(rolled) / 4) + 1e-9
 
 
+def _by_turning(
+    model: LogLikelihood, geometry: Geometry, state: Array, turns: Array, along: NDArray[np.bool_]
+) -> Array:
+    """Return the disagreement (K - 1, rows, 2), m, for each standard deviation of what contacts slip as motors turn
+    them (`TURNED`), along and across; (K - 1, rows, 0) where no motor does. turns (K - 1, rows): by which angle,
+    rad."""
+    slips = [TURNED * turns * kind for kind in (along, ~along)] if np.any(turns) else []
+    found = [of - model.explained(geometry, state, of) for of in slips]
+    return np.stack(found, axis=-1) if found else np.zeros((*turns.shape, 0))
+
+
+def _summed(of_steps: Array, starts: NDArray[np.intp], rolled: Array) -> Array:
+    """Return sums over windows (W, rows, n) of disagreement in steps (K - 1, rows, n), as a part of the way (W,)."""
+    sums: Array = np.add.reduceat(of_steps, starts, axis=0) / rolled[:, None, None]
+    return sums
+
+
+def _of_shared(shown: Array, seen: Array) -> tuple[Array, Array]:
+    """Return score (n,) and information (n, n) of numbers by which disagreement (W, rows) changes by `shown` (W, rows,
+    n), both in standard deviations."""
+    columns = shown.reshape(seen.size, -1)
+    return columns.T @ seen.reshape(-1), columns.T @ columns
+
+
 def _part_of_way(variance: Array, starts: NDArray[np.intp], rolled: Array) -> Array:
     """Return standard deviations of sums over windows (W, ...), as a part of the way (W,), from variances of steps."""
     return np.sqrt(np.add.reduceat(variance, starts, axis=0)) / rolled[:, None]
@@ -318,46 +356,58 @@ def _part_of_way(variance: Array, starts: NDArray[np.intp], rolled: Array) -> Ar
 
 @dataclass(frozen=True, eq=False)
 class _Usual:
-    """Usual disagreement: its size (W, rows), and its correlation (W, rows) with that of the window before."""
+    """Usual disagreement: the part (W, rows) of that in the window before that is left, and the size (W, rows) of what
+    is new."""
 
-    size: Array
-    correlation: Array
+    kept: Array
+    new: Array
 
     @classmethod
-    def independent(cls, size: Array, count: int) -> "_Usual":
-        """Return this for windows, so many, that do not correlate; size (rows,)."""
-        return cls(np.tile(size, (count, 1)), np.zeros((count, len(size))))
+    def of(cls, size: Array | float, kept: Array, turned: Array) -> "_Usual":
+        """Return this where disagreement of a size (rows,), of which a part (W, rows) is left in the next window, is
+        there as well as what motors cause that turn contacts (W, rows)."""
+        return cls(kept, np.sqrt(np.square(size) * (1 - kept**2) + turned**2))
+
+    @property
+    def size(self) -> Array:
+        """The size (W, rows) of all disagreement."""
+        variance = self.new**2
+        for k in range(1, len(variance)):
+            variance[k] += self.kept[k] ** 2 * variance[k - 1]
+        return np.sqrt(variance)
 
     def whitened(self, values: Array | NDArray[np.float32]) -> Array:
-        """Return values (W, rows, ...) in units of the size, without what the window before lets expect: of usual
-        disagreement the standard deviation is 1, and nothing correlates."""
-        size, correlation = (of.reshape(*of.shape, *[1] * (values.ndim - 2)) for of in (self.size, self.correlation))
-        units = values / size
-        units[1:] -= correlation[1:] * units[:-1]
-        return units / np.sqrt(1 - correlation**2)
+        """Return what is new in values (W, rows, ...), in units of its size: of usual disagreement the standard
+        deviation is 1, and nothing correlates."""
+        kept, new = (of.reshape(*of.shape, *[1] * (values.ndim - 2)) for of in (self.kept, self.new))
+        found = values / new
+        found[1:] -= kept[1:] * values[:-1] / new[1:]
+        return found
 
 
-def _usual(
-    seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, may_last: bool = True
-) -> _Usual:
-    """Return the usual disagreement, by medians, with the likeliest amount for contacts that motors turn. It may last
-    where no motor turns contacts: where one does, it comes with turning."""
-    lasting = may_last and not np.any(turned)
-    kinds = np.array([_correlated(seen[:, rows], counted, lasting) for rows in (along, ~along)])
-    size, correlation = np.where(along[:, None], *kinds).T
-    usual = _Usual(np.tile(size, (len(seen), 1)), np.outer(_linked(counted), correlation))
-    return _with_turning(seen, usual, counted, turned)
+def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, linked: Array) -> _Usual:
+    """Return the usual disagreement, of each kind the likeliest: its size by the median, how much of it lasts (one of
+    `LASTING`, if it may), and how much motors cause that turn contacts. What is new in a window is at least `LEAST`."""
+    kept, new = np.zeros_like(seen), np.full(seen.shape, LEAST)
+    for rows in (along, ~along):
+        of_kind, by_turning = seen[:, rows], BY_TURNING if np.any(turned[:, rows]) else BY_TURNING[:1]
+        if not of_kind[counted].size:
+            continue
+        found = []
+        for lasting in LASTING if np.any(linked[:, rows]) else LASTING[:1]:
+            left = lasting * linked[:, rows]
+            off = _Usual.of(1.0, left, np.zeros_like(left)).whitened(of_kind)[counted]
+            least = LEAST / math.sqrt(1 - lasting**2)
+            size = max(float(np.median(np.abs(off))) / MEDIAN, least) if lasting else _size(of_kind[counted])
+            found += [_Usual.of(size, left, amount * turned[:, rows]) for amount in by_turning]
+        usual = max(found, key=lambda one: _log_density(one.whitened(of_kind), one, counted))
+        kept[:, rows], new[:, rows] = usual.kept, usual.new
+    return _Usual(kept, new)
 
 
 def _linked(counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return which windows (W,) follow another one that counts."""
     return counted & np.concatenate([[False], counted[:-1]])
-
-
-def _with_turning(seen: Array, usual: _Usual, counted: NDArray[np.bool_], turned: Array, free: float = 1.0) -> _Usual:
-    """Return usual disagreement with the likeliest amount for contacts that motors turn."""
-    each = [replace(usual, size=np.hypot(usual.size, by_turning * turned)) for by_turning in BY_TURNING]
-    return max(each, key=lambda one: _weighed(one.whitened(seen), one, counted, free)[1])
 
 
 def _weighed(seen: Array, usual: _Usual, counted: NDArray[np.bool_], free: float = 1.0) -> tuple[Array, float]:
@@ -370,30 +420,17 @@ def _weighed(seen: Array, usual: _Usual, counted: NDArray[np.bool_], free: float
     free *= max(seen.shape[1] - BODY, 0) / seen.shape[1]
     off = np.abs(seen)
     weight: Array = np.sqrt(free * np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) * counted[:, None]
-    volume = np.log(usual.size) + np.log1p(-(usual.correlation**2)) / 2
-    return weight, -free * float(np.sum((volume + _loss(off))[counted]))
+    return weight, free * _log_density(seen, usual, counted)
+
+
+def _log_density(seen: Array, usual: _Usual, counted: NDArray[np.bool_]) -> float:
+    """Return the log density, by Huber's loss, of disagreements (W, rows) that are whitened, but for a constant."""
+    return -float(np.sum((np.log(usual.new) + _loss(np.abs(seen)))[counted]))
 
 
 def _loss(off: Array) -> Array:
     """Return Huber's loss of disagreements in their usual sizes."""
     return np.where(off > FARTHEST, FARTHEST * (off - FARTHEST / 2), off**2 / 2)
-
-
-def _correlated(seen: Array, counted: NDArray[np.bool_], lasting: bool) -> tuple[float, float]:
-    """Return the size of disagreement (W, rows) of one kind, and the correlation of neighbouring windows, with which it
-    is the likeliest: 0, or, if it may last, one of `LASTING`, where what is new in each window is at least `LEAST`."""
-    if not seen[counted].size:
-        return LEAST, 0.0
-    linked, found = _linked(counted), []
-    for correlation in (0.0, *(LASTING if lasting else ())):
-        alone = _Usual(np.ones(seen.shape), np.full(seen.shape, correlation) * linked[:, None])
-        off = np.abs(alone.whitened(seen)[counted])
-        least = LEAST / math.sqrt(1 - correlation**2)
-        size = max(float(np.median(off)) / MEDIAN, least) if correlation else _size(seen[counted])
-        volume = off.size * math.log(size) + float(np.sum(np.log1p(-(alone.correlation[counted] ** 2)))) / 2
-        found.append((volume + float(np.sum(_loss(off / size))), size, correlation))
-    _, size, correlation = min(found)
-    return size, correlation
 
 
 def of_row(model: LogLikelihood, geometry: Geometry, state: Array, row: int) -> tuple[Array, Array]:

@@ -423,7 +423,7 @@ class LogLikelihood(RollingConstraints):
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
         sizes = np.repeat([noise.along, noise.across], [len(self._rolling), len(self._used) - len(self._rolling)])
         by_rolling = sizes**2 * farthest[:, None] + FLOOR**2
-        by_turning = noise.turning**2 * self.turned(geometry, state)
+        by_turning = noise.turning**2 * np.abs(self.turned(geometry, state))
         slip = by_rolling + by_turning + np.square(self._doubt)
         by_turning /= by_rolling + by_turning
         free = np.where(self._released, farthest[:, None], 0.0)

@@ -244,10 +244,10 @@ class RollingConstraints:
         return np.concatenate([rolled, idle], axis=-1)
 
     def turned(self, geometry: Geometry, state: Array) -> Array:
-        """Return the angle by which every row's contact turned on the floor in every step (K - 1, rows), rad, if its
-        castor is steered by a motor; 0 of others, which turn as they roll."""
+        """Return the angle by which every row's contact turned on the floor in every step (K - 1, rows), rad, to the
+        left, if its castor is steered by a motor; 0 of others, which turn as they roll."""
         heading = self._angles(geometry, state[:, 3:]) + state[:, 2:3]
-        return (np.abs(np.diff(heading, axis=0)) * geometry.driven)[:, self._castor]
+        return (np.diff(heading, axis=0) * geometry.driven)[:, self._castor]
 
     def _unsure(self, geometry: Geometry, state: Array) -> Array:
         """Return the error estimate of the integration over every step (K - 1, rows), m.

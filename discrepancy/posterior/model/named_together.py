@@ -235,13 +235,16 @@ def _unlikely(
     named: Sequence[Sized], seen: Seen, new: Sequence[Sized], beside: Seen | None, odds: float
 ) -> set[tuple[str, str]]:
     """Return the families of effects that take the place of others in a model, each with the family of one of these, or
-    "" if they only come to it, where logs are so much less likely with them that they are not in the credible set.
+    "" if they only come to it, where logs are so much less likely with them that they are not in the credible set, or
+    where their motion is: how far wheels in good order disagree is known less well than how a vehicle moves.
 
     beside: None where the new effects do not fit. odds: prior log odds (natural logarithm) of an effect.
     """
     before, after = families_of(named), families_of(new)
-    if beside is not None and seen.log_evidence - beside.log_evidence + odds * (len(named) - len(new)) < LOG_ODDS:
-        return set()
+    if beside is not None:
+        lost = seen.log_evidence - beside.log_evidence + odds * (len(named) - len(new))
+        if max(lost, seen.log_evidence_of_motion - beside.log_evidence_of_motion) < LOG_ODDS:
+            return set()
     return set(itertools.product(before - after or {""}, after - before))
 
 

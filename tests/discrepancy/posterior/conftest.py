@@ -24,6 +24,7 @@ def statistics_of():
             masked=1.0,
             cost=np.ones((2, count)),
             log_evidence=log_evidence,
+            log_evidence_of_motion=log_evidence,
         )
 
     return of

@@ -72,12 +72,14 @@ def test_correlated_windows_have_the_density_of_their_process(correlation):
     lag = np.abs(np.subtract.outer(np.arange(count), np.arange(count)))
     covariance = (20 * LEAST) ** 2 * correlation**lag
     off = np.linalg.cholesky(covariance) @ random.normal(size=(count, rows))
-    quick = (*(0 * of for of in disagreement.quick[:2]), 0.0, *(0 * of for of in disagreement.quick[3:]))
+    none = np.zeros((0, disagreement.by_size.shape[2])), np.zeros((0, 0))
+    quick = (*(0 * of for of in disagreement.quick[:2]), 0.0, *none)
     long = dataclasses.replace(
         disagreement,
         seen=off,
-        uneven=np.zeros(off.shape),
+        shared=np.zeros((*off.shape, 0)),
         turned=np.zeros(off.shape),
+        linked=np.minimum(np.arange(count), 1.0)[:, None] * np.ones(rows),
         by_size=np.ones((*off.shape, disagreement.by_size.shape[2]), dtype=np.float32),
         counted=np.ones(count, dtype=bool),
         quick=quick,
@@ -99,7 +101,8 @@ def test_what_is_the_same_all_the_time_counts_less_than_what_is_new_in_each_wind
     by_size = np.zeros((count, rows, disagreement.by_size.shape[2]), dtype=np.float32)
     noise, likely = LEAST * np.random.default_rng(2).normal(size=(count, rows)), []
     for constant in (0.0, 10 * LEAST):
-        parts = {"seen": noise + constant, "uneven": empty, "turned": empty, "by_size": by_size}
+        parts = {"seen": noise + constant, "shared": empty[..., None][..., :0], "turned": empty, "by_size": by_size}
+        parts["linked"] = empty + np.minimum(np.arange(count), 1.0)[:, None]
         told = dataclasses.replace(disagreement, counted=np.ones(count, dtype=bool), **parts)
         likely.append(told.statistics()[2])
     independent = count * (rows - 3) * np.log(10)
@@ -112,7 +115,10 @@ def test_what_each_row_may_disagree_by_counts_as_correlated_noise():
     (disagreement,) = seen().disagreements
     plain = dataclasses.replace(disagreement, seen=np.zeros_like(disagreement.seen))
     pattern = np.random.default_rng(0).normal(size=plain.seen.shape) * 3 * LEAST
-    doubtful = dataclasses.replace(plain, uneven=pattern)
+    rows = plain.seen.shape[1]
+    none = np.zeros((rows, plain.by_size.shape[2])), np.zeros((rows, rows))
+    by_row = pattern[..., None] * np.eye(rows)
+    doubtful = dataclasses.replace(plain, shared=by_row, quick=(*plain.quick[:3], *none))
     (before, _, likely), (after, _, less_likely) = plain.statistics(), doubtful.statistics()
     count = before.shape[0] // 2
     independent = 1 - 3 / plain.seen.shape[1]
