@@ -53,6 +53,17 @@ def test_a_robot_in_good_order_raises_no_alarm(robot):
     assert diagnose(preset(robot), [driven(robot, 3, duration=10.0)]).verdict in ("no discrepancy", "negligible")
 
 
+@pytest.mark.parametrize("number", [13, 14])
+def test_castors_that_flip_where_a_robot_reverses_raise_no_alarm(number):
+    """Motors that turn castors as fast as they can leave wheels that are driven against each other until they turn
+    again; nothing but the encoders tells."""
+    robot, logs = preset("powered-caster"), list[Log]()
+    for seed in (2 * number, 2 * number + 1):
+        log = drive(robot, motion(robot, "to and fro", seed, 60.0), seed, duration=60.0)
+        logs.append(dataclasses.replace(log, reference=None))
+    assert diagnose(robot, logs[:1], logs[1:]).verdict in ("no discrepancy", "negligible")
+
+
 def test_a_large_effect_is_distinguished_from_its_rival_by_fits_of_both():
     """A castor 12 cm out of place; to first order, the other castor out of place the other way looks the same."""
     effect = PivotPositionY(castor=2, value=-0.1215)

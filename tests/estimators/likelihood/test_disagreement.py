@@ -183,6 +183,60 @@ def test_wheels_that_a_motor_turns_on_the_floor_may_disagree_more():
         assert np.median(noisy.usual / size) == pytest.approx(1.0, abs=0.3)
 
 
+def test_what_contacts_slip_on_average_as_motors_turn_them_is_not_seen():
+    """All contacts slip to the side by 1 mm for each rad that motors turn them, by angles that encoders tell."""
+    robot = preset("powered-caster")
+    turning = drive(robot, wander(np.random.default_rng([3, 1]), duration=20.0), 3, duration=20.0)
+    (design,) = linearise(robot, [turning], among=()).designs
+    model, geometry, state = design.model, design.geometry, design.state
+    heading = state[:, 2:3] + model.counts[:, :4] * 2 * np.pi / np.array([4096.0])
+    slips = np.concatenate([np.zeros((len(state) - 1, 4)), 1e-3 * np.diff(heading, axis=0)], axis=1)
+    caused, none = slips - model.explained(geometry, state, slips), np.zeros(slips.shape)
+    plain = model.disagreement(geometry, state)
+    seen = []
+    for disagreement in (plain, plain + caused):
+        told: Any = Told(model, disagreement)
+        seen.append(Disagreement.of(told, design.changes, turning.t, none, none > 0).seen)
+    starts = np.arange(0, len(slips), 20)
+    way = np.add.reduceat(np.abs(model.rolled(geometry, state)).max(axis=1), starts)[:, None]
+    by_slip = np.add.reduceat(caused, starts, axis=0) / way
+    assert np.sqrt(np.mean((seen[1] - seen[0]) ** 2)) < 0.1 * np.sqrt(np.mean(by_slip**2))
+
+
+def test_wheels_that_are_driven_against_each_other_disagree_until_castors_turn():
+    """A process that half a turn every ten windows ends and begins anew, five times as large: its density in closed
+    form, by the covariance of all windows, within what robust estimates of its size and correlation lose."""
+    (disagreement,) = seen().disagreements
+    random, (count, rows), new = np.random.default_rng(1), (400, disagreement.seen.shape[1]), 1.5 * LEAST
+    turns = np.arange(count) % 10 == 9
+    kept = np.where(turns, 0.95 * np.exp(-np.pi), 0.95)
+    sizes = np.where(turns, np.hypot(new, 5 * new / np.sqrt(1 - 0.95**2)), new)
+    mixing = np.eye(count)
+    for k in range(1, count):
+        mixing[k, :k] = kept[k] * mixing[k - 1, :k]
+    root = mixing * sizes
+    off = root @ random.normal(size=(count, rows))
+    none = np.zeros((0, disagreement.by_size.shape[2])), np.zeros((0, 0))
+    told = dataclasses.replace(
+        disagreement,
+        seen=off,
+        shared=np.zeros((*off.shape, 0)),
+        turned=np.sqrt(np.pi) * turns[:, None] * np.ones(rows),
+        linked=(np.arange(count) > 0)[:, None] * np.exp(-np.pi * turns)[:, None] * np.ones(rows),
+        by_size=np.ones((*off.shape, disagreement.by_size.shape[2]), dtype=np.float32),
+        counted=np.ones(count, dtype=bool),
+        quick=(*(0 * of for of in disagreement.quick[:2]), 0.0, *none),
+    )
+    white = np.linalg.solve(root, off)
+    density = -(rows * np.linalg.slogdet(root)[1] + np.sum(white**2) / 2)
+    likely = told.statistics()[2] / (1 - 3 / rows)
+    assert likely == pytest.approx(density, abs=0.05 * off.size)
+    size = np.sqrt(np.sum(root**2, axis=1))
+    assert np.median(told.usual / size[:, None]) == pytest.approx(1.0, abs=0.3)
+    unlinked = dataclasses.replace(told, linked=np.zeros(off.shape)).statistics()[2] / (1 - 3 / rows)
+    assert likely > unlinked + 0.3 * off.size
+
+
 def test_a_robot_whose_wheels_cannot_contradict_each_other_has_none():
     robot = preset("differential")
     plain = drive(robot, wander(np.random.default_rng([3, 1]), duration=10.0, holonomic=False), 3, duration=10.0)

@@ -40,13 +40,15 @@ def posterior_of(names) -> Any:
     return SimpleNamespace(names=names)
 
 
-def in_model(posterior, likelier, statistics_of):
+def in_model(posterior, likelier, statistics_of, of_motion=None):
     """The families in the model at the end. posterior: the names that it gives beside each model, the likeliest first
-    for each single effect; likelier: log evidence by the families in the model."""
+    for each single effect; likelier, of_motion: log evidence, and that of the motion, by the families in the model."""
 
     def look(effects, *_) -> Any:
-        kinds = [effect.candidate for effect in effects]
-        return statistics_of(kinds, np.diag([1e6] * len(kinds)), likelier[families_of(effects)])
+        kinds, families = [effect.candidate for effect in effects], families_of(effects)
+        seen = statistics_of(kinds, np.diag([1e6] * len(kinds)), likelier[families])
+        seen.log_evidence_of_motion = (of_motion or likelier)[families]
+        return seen
 
     def ask(seen, named, without) -> Any:
         beside = posterior[families_of(named)]
@@ -76,6 +78,14 @@ def test_an_effect_comes_into_the_model_unless_fits_exclude_it(likelier, statist
     with_both = 50.0 - LOG_ODDS - prior_log_odds(len(NAMES)) + likelier
     found = in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 0.0, BOTH: with_both}, statistics_of)
     assert found == (BOTH if likelier > 0 else OF_PLACE)
+
+
+@pytest.mark.parametrize(("less_likely", "found"), [(LOG_ODDS - 0.1, OF_PLACE), (LOG_ODDS + 0.1, NONE)])
+def test_an_effect_that_the_motion_contradicts_does_not_come_into_the_model(less_likely, found, statistics_of):
+    """However much less wheels disagree with it."""
+    posterior = {NONE: [[PLACE]], OF_PLACE: [[PLACE]]}
+    of_motion = {NONE: 0.0, OF_PLACE: -less_likely}
+    assert in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0}, statistics_of, of_motion) == found
 
 
 @pytest.mark.parametrize(("gain", "stays"), [(40.0, OF_PLACE), (2.0, NONE)])
