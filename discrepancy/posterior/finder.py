@@ -23,7 +23,14 @@ from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
-from discrepancy.posterior.model.named_together import Asked, asked, by_formula, most_explaining, named_together
+from discrepancy.posterior.model.named_together import (
+    LOOKS,
+    Asked,
+    asked,
+    by_formula,
+    most_explaining,
+    named_together,
+)
 from discrepancy.posterior.model.refit import (
     Effects,
     S,
@@ -170,16 +177,17 @@ class _Search:
         self.begin = most_likely(robot, logs, self.plain)
 
     def run(self) -> None:
-        """Name effects, and begin anew with what else the logs show beside these, until they show nothing else."""
+        """Name effects, and begin anew with what else the logs show beside these, until they show nothing else, or for
+        `LOOKS` times: as more and more of a log is released, what is left looks more and more unusual."""
         first = self.afresh() if self.jitter or self.begin else self.plain
         self.plain = self.plain.without_designs()
-        while True:
+        for left in reversed(range(LOOKS)):
             self.somewhere = _at_places(first)
             self.named, self.seen, self.posterior, self.answers = named_together(
                 self.base, self.look, self.ask, first, self.begin, self.displaced
             )
             else_shown = (self.with_events, self.with_fault, self.with_lost_counts, self.with_hidden, self.with_curve)
-            begin = next((begin for look in else_shown if (begin := look()) is not None), None)
+            begin = next((begin for look in else_shown if left and (begin := look()) is not None), None)
             if begin is None:
                 return
             self.begin = begin

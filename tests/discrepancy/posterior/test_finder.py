@@ -7,6 +7,8 @@ import dataclasses
 import os
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +24,9 @@ from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
+from discrepancy.posterior import finder
 from discrepancy.posterior.finder import diagnose
+from discrepancy.posterior.model.named_together import LOOKS
 from discrepancy.posterior.verdicts import Material
 from discrepancy.preflight.undo import Undone
 from discrepancy.trials.cases import motion
@@ -308,6 +312,24 @@ def test_a_fault_that_no_signature_shows_is_named(fault):
     assert (answer.verdict, len(answer.credible), answer.unnamed) == ("named", 1, False)
     assert type(answer.effect) is type(fault)
     assert answer.effect.value == pytest.approx(fault.value, rel=0.01)
+
+
+def test_a_search_ends_though_logs_show_something_else_each_time(monkeypatch):
+    """As where each release of a part of a log makes what is left of it look unusual."""
+    rounds = list[int]()
+
+    def named_together(*_: object) -> tuple[Any, ...]:
+        rounds.append(len(rounds))
+        return (), SimpleNamespace(candidates=()), None, []
+
+    monkeypatch.setattr(finder, "named_together", named_together)
+    first: Any = SimpleNamespace(candidates=(), without_designs=lambda: None)
+    search: Any = SimpleNamespace(jitter=0.0, begin=(), plain=first, base=ROBOT, afresh=lambda: first)
+    for name in ("look", "ask", "displaced", "with_fault", "with_lost_counts", "with_hidden", "with_curve"):
+        setattr(search, name, lambda *_: None)
+    search.with_events = lambda: ()
+    finder._Search.run(search)
+    assert rounds == list(range(LOOKS))
 
 
 def test_a_straight_drive_at_constant_speed_is_no_discrepancy():
