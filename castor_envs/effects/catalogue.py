@@ -8,6 +8,7 @@ predicts by how much they make contacts slip in a known motion.
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import MISSING, Field, fields
 from functools import partial
 from typing import Any
 
@@ -128,14 +129,23 @@ def reference(robot: RobotDescription, t: ArrayLike, pose: ArrayLike) -> Array:
     return np.stack(columns, axis=-1)
 
 
+def _with_default(field: Field[Any]) -> str:
+    """Return the name of a field of an effect's class, as Markdown, with its default, if it has one."""
+    return f"`{field.name}`" + ("" if field.default in (MISSING, None) else f" ({field.default})")
+
+
 def table(scope: Scope) -> str:
     """Return the table of all effects of robots or of trains, as Markdown."""
-    rows = ["| Name | Meaning | Unit | Least | Most | Step | Check |", "|---|---|---|---|---|---|---|"]
+    columns = "Name", "Meaning", "Fields beside `value`", "Unit", "Least", "Most", "In good order", "Step", "Check"
+    rows = [f"| {' | '.join(columns)} |", "|---" * len(columns) + "|"]
     for name, kind in known_effects(scope).items():
         value = TypeAdapter(kind).json_schema()["properties"]["value"]
-        meaning = (kind.__doc__ or "").split("\n\n")[0].replace("\n", " ")
+        meaning = " ".join((kind.__doc__ or "").split("\n\n")[0].split())
         bounds = " | ".join(f"{value[end]:.4g}" if end in value else "-" for end in ("minimum", "maximum"))
         alike = [twin for twin in kind.indistinguishable_from if twin != name]
         note = f" Indistinguishable from `{alike[0]}`." if alike else ""
-        rows.append(f"| `{name}` | {meaning}{note} | {kind.unit} | {bounds} | {kind.step:g} | {kind.check} |")
+        others = ", ".join(map(_with_default, (field for field in fields(kind) if field.name not in ("name", "value"))))
+        usual = "-" if kind.binary else f"{kind.tolerance:g}"
+        cells = f"`{name}`", meaning + note, others, kind.unit, bounds, usual, f"{kind.step:g}", kind.check
+        rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
