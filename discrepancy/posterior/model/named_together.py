@@ -242,8 +242,10 @@ def _unlikely(
     """
     before, after = families_of(named), families_of(new)
     if beside is not None:
-        lost = seen.log_evidence - beside.log_evidence + odds * (len(named) - len(new))
-        if max(lost, seen.log_evidence_of_motion - beside.log_evidence_of_motion) < LOG_ODDS:
+        fewer = odds * (len(named) - len(new))
+        lost = seen.log_evidence - beside.log_evidence + fewer
+        of_motion = seen.log_evidence_of_motion - beside.log_evidence_of_motion + min(fewer, 0.0)
+        if max(lost, of_motion) < LOG_ODDS:
             return set()
     return set(itertools.product(before - after or {""}, after - before))
 

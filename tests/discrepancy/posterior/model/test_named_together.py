@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from castor_envs.effects.dimensions import PivotPositionX
+from castor_envs.effects.dimensions import PivotPositionX, PivotPositionY
 from castor_envs.effects.encoders import PivotGain
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate
@@ -19,6 +19,9 @@ from discrepancy.posterior.random_effects import GoodOrder, Statistics
 ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
 PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
 GAIN = Candidate("gain", (PivotGain(castor=1, value=PivotGain.step),))
+
+
+THIRD = Candidate("third", (PivotPositionY(castor=1, value=PivotPositionY.step),))
 
 
 def answer(candidate, *credible, size=1.0) -> Answer:
@@ -86,6 +89,16 @@ def test_an_effect_that_the_motion_contradicts_does_not_come_into_the_model(less
     posterior = {NONE: [[PLACE]], OF_PLACE: [[PLACE]]}
     of_motion = {NONE: 0.0, OF_PLACE: -less_likely}
     assert in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0}, statistics_of, of_motion) == found
+
+
+@pytest.mark.parametrize(("nearer", "fewer"), [(0.1, True), (-0.1, False)])
+def test_one_effect_takes_the_place_of_two_unless_fits_exclude_it(nearer, fewer, statistics_of):
+    """Beforehand one effect is likelier than two; so it is of the motion."""
+    third = frozenset({THIRD.family})
+    posterior = {NONE: [[PLACE], [GAIN]], BOTH: [[THIRD]], third: [[THIRD]]}
+    of_third = 50.0 - LOG_ODDS + prior_log_odds(len(NAMES)) + nearer
+    likelier = {NONE: 0.0, OF_PLACE: 0.0, OF_GAIN: 0.0, BOTH: 50.0, third: of_third}
+    assert in_model(posterior, likelier, statistics_of) == (third if fewer else BOTH)
 
 
 @pytest.mark.parametrize(("gain", "stays"), [(40.0, OF_PLACE), (2.0, NONE)])
