@@ -386,23 +386,34 @@ class _Usual:
 
 
 def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, linked: Array) -> _Usual:
-    """Return the usual disagreement, of each kind the likeliest: its size by the median, how much of it lasts (one of
-    `LASTING`, if it may), and how much motors cause that turn contacts. What is new in a window is at least `LEAST`."""
-    kept, new = np.zeros_like(seen), np.full(seen.shape, LEAST)
-    for rows in (along, ~along):
-        of_kind, by_turning = seen[:, rows], BY_TURNING if np.any(turned[:, rows]) else BY_TURNING[:1]
-        if not of_kind[counted].size:
-            continue
-        found = []
-        for lasting in LASTING if np.any(linked[:, rows]) else LASTING[:1]:
-            left = lasting * linked[:, rows]
-            off = _Usual.of(1.0, left, np.zeros_like(left)).whitened(of_kind)[counted]
-            least = LEAST / math.sqrt(1 - lasting**2)
-            size = max(float(np.median(np.abs(off))) / MEDIAN, least) if lasting else _size(of_kind[counted])
-            found += [_Usual.of(size, left, amount * turned[:, rows]) for amount in by_turning]
-        usual = max(found, key=lambda one: _log_density(one.whitened(of_kind), one, counted))
-        kept[:, rows], new[:, rows] = usual.kept, usual.new
-    return _Usual(kept, new)
+    """Return the likeliest usual disagreement: of each kind its size, by the median, and how much of it lasts (one of
+    `LASTING`, if it may), and of both how much motors cause that turn contacts. What is new in a window is at least
+    `LEAST`."""
+    kinds = [(rows, _lasting(seen[:, rows], counted, linked[:, rows])) for rows in (along, ~along) if np.any(rows)]
+    found = []
+    for amount in BY_TURNING if np.any(turned) else BY_TURNING[:1]:
+        usual, log_density = _Usual(np.zeros_like(seen), np.full(seen.shape, LEAST)), 0.0
+        for rows, sizes in kinds:
+            each = [_Usual.of(size, kept, amount * turned[:, rows]) for size, kept in sizes]
+            by_density = [_log_density(one.whitened(seen[:, rows]), one, counted) for one in each]
+            k = int(np.argmax(by_density))
+            usual.kept[:, rows], usual.new[:, rows] = each[k].kept, each[k].new
+            log_density += by_density[k]
+        found.append((log_density, usual))
+    return max(found, key=itemgetter(0))[1]
+
+
+def _lasting(seen: Array, counted: NDArray[np.bool_], linked: Array) -> list[tuple[float, Array]]:
+    """Return for each of `LASTING`, if disagreement of a kind (W, rows) may last, its size by the median, and which
+    part (W, rows) of it is left in the next window."""
+    found = []
+    for lasting in LASTING if np.any(linked) else LASTING[:1]:
+        kept = lasting * linked
+        off = _Usual.of(1.0, kept, np.zeros_like(kept)).whitened(seen)[counted]
+        least = LEAST / math.sqrt(1 - lasting**2)
+        size = float(np.median(np.abs(off))) / MEDIAN if lasting and off.size else _size(seen[counted])
+        found.append((max(size, least), kept))
+    return found
 
 
 def _linked(counted: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -137,7 +137,7 @@ def _cost(seen: Linearised, kind: str, variance: float) -> Array:
     random, slipped = np.random.default_rng(0), []
     for design in seen.designs:
         if kind == "turning":
-            way = design.model.turned(design.geometry, design.state)
+            way = np.abs(design.model.turned(design.geometry, design.state))
         else:
             way = np.abs(design.model.rolled(design.geometry, design.state))
             way *= (design.model.rows < len(design.geometry.radius)) == (kind == "along")
