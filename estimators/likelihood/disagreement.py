@@ -117,7 +117,7 @@ class Disagreement:
         along = model.rows < len(geometry.radius)
         turns = model.turned(geometry, state)
         turned = _part_of_way(np.abs(turns), starts, rolled)
-        linked = _linked(counted)[:, None] * np.exp(-np.add.reduceat(np.abs(turns), starts, axis=0))
+        linked = np.where(_linked(counted)[:, None], np.exp(-np.add.reduceat(np.abs(turns), starts, axis=0)), 0.0)
         by_turning = _by_turning(model, geometry, state, turns, along)
         shares = [(0.0, 0.0)]
         if np.any(caused):
