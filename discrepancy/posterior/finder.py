@@ -186,8 +186,10 @@ class _Search:
             self.named, self.seen, self.posterior, self.answers = named_together(
                 self.base, self.look, self.ask, first, self.begin, self.displaced
             )
+            if not left:
+                return
             else_shown = (self.with_events, self.with_fault, self.with_lost_counts, self.with_hidden, self.with_curve)
-            begin = next((begin for look in else_shown if left and (begin := look()) is not None), None)
+            begin = next((begin for look in else_shown if (begin := look()) is not None), None)
             if begin is None:
                 return
             self.begin = begin

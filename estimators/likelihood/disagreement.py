@@ -72,15 +72,16 @@ class Disagreement:
     """The disagreement of wheels in one log, summed over W windows, as a part of the way rolled in each window.
 
     seen (W, rows): disagreement that the robot's effects do not cause; doubt (W, rows): standard deviation of what they
-    cause. shared (W, rows, n): disagreement for each standard deviation of n numbers that all windows share
-    (`_shared`); in `seen` they have their likeliest values. turned (W, rows): standard deviation of what motors
-    that turn contacts on the floor cause, if that is 1 m after 1 rad; linked (W, rows): part that turning leaves of
-    what was there in the window before. by_size (W, rows, C): change of disagreement per
-    unit of each candidate's size, in single precision. counted (W,): windows that count. along (rows,): true for
-    rolling constraints, false for side slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean
-    of its window. steps (W,): number of steps in each window. quick: information (C, C), score (C,) and log-likelihood
-    by how short windows differ within these, and products of `shared` there with changes by sizes (n, C) and with
-    itself (n, n). share: part of what the robot's effects cause that is there; NaN: they cause none.
+    cause. shared (W, rows, n): disagreement for each standard deviation of n numbers that all windows share: what
+    contacts slip on average as motors turn them (`TURNED`), and by how much more or less of what effects cause is there
+    in each row (`UNEVEN`); in `seen` they have their likeliest values. turned (W, rows): standard deviation of what
+    motors that turn contacts on the floor cause, if that is 1 m after 1 rad; linked (W, rows): part that turning leaves
+    of what was there in the window before. by_size (W, rows, C): change of disagreement per unit of each candidate's
+    size, in single precision. counted (W,): windows that count. along (rows,): true for rolling constraints, false for
+    side slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,):
+    number of steps in each window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ
+    within these, and products of `shared` there with changes by sizes (n, C) and with itself (n, n). share: part of
+    what the robot's effects cause that is there; NaN: they cause none.
     """
 
     seen: Array
@@ -126,15 +127,15 @@ class Disagreement:
             shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0)]
             shares += [(share, UNEVEN * float(np.hypot(share, 1 - share)))]  # by row: what vanishes, and what is left
 
-        def beside(left: Array, shared: Array) -> tuple[Array, _Quick, Array, Array, float]:
+        def beside(left: Array, shared: Array, summed: Array) -> tuple[Array, _Quick, Array, Array, float]:
             """Return disagreement in long and short windows, score (n,) and information (n, n) on numbers that windows
-            share, and the log-likelihood."""
+            share, and the log-likelihood. left (K - 1, rows); shared (K - 1, rows, n), and summed over windows."""
             of_way = np.add.reduceat(left, starts, axis=0) / rolled[:, None]
             quick = _Quick.of(left, shared, turns, way, short, parts, along, counted)
             usual = _usual(of_way, counted, along, turned, linked)
             independent = usual.whitened(of_way)
             weight, likely = _weighed(independent, usual, counted)
-            shown = usual.whitened(_summed(shared, starts, rolled)) * weight[..., None]
+            shown = usual.whitened(summed) * weight[..., None]
             score, information = (
                 of_long + of_short
                 for of_long, of_short in zip(_of_shared(shown, independent * weight), quick.of_shared(), strict=True)
@@ -146,19 +147,20 @@ class Disagreement:
             left, shared = seen - share * caused, by_turning
             if by_row:
                 shared = np.concatenate([by_turning, (by_row * caused)[..., None] * np.eye(len(along))], axis=-1)
+            summed: Array = np.add.reduceat(shared, starts, axis=0) / rolled[:, None, None]
             numbers = np.zeros(shared.shape[-1])
-            of_way, quick, score, information, likely = beside(left, shared)
+            of_way, quick, score, information, likely = beside(left, shared, summed)
             for _ in range(MOST_ROUNDS if len(numbers) else 0):
                 change = np.linalg.solve(information, score - numbers)
                 numbers = numbers + change
-                of_way, quick, score, information, likely = beside(left - shared @ numbers, shared)
+                of_way, quick, score, information, likely = beside(left - shared @ numbers, shared, summed)
                 if change @ information @ change < SETTLED**2 * len(numbers):
                     break
             unlikely = float(np.sum(numbers**2)) / 2
             quick.likely -= unlikely
             likely -= unlikely + float(np.linalg.slogdet(information)[1]) / 2
-            found.append((likely, of_way, quick, share, shared))
-        _, of_way, quick, share, shared = max(found, key=itemgetter(0))
+            found.append((likely, of_way, quick, share, summed))
+        _, of_way, quick, share, summed = max(found, key=itemgetter(0))
         doubt = np.add.reduceat(UNEVEN * np.abs(share * caused), starts, axis=0) / rolled[:, None]
         by_size = []
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
@@ -173,7 +175,7 @@ class Disagreement:
         return cls(
             seen=of_way,
             doubt=doubt,
-            shared=_summed(shared, starts, rolled),
+            shared=summed,
             turned=turned,
             linked=linked,
             by_size=np.concatenate(by_size),
@@ -280,7 +282,7 @@ class _Quick:
         free = (parts - 1) / parts
         quick._shared = quick._differences(shared, slice(0, len(way)))
         independent = np.where(along, *sizes), np.zeros_like(turned)
-        each = [_Usual.of(*independent, by_turning * turned) for by_turning in BY_TURNING]
+        each = [_Usual.of(*independent, by_turning * turned) for by_turning in _amounts(turned)]
         weighed = [(_weighed(usual.whitened(quick._seen), usual, counts, free), usual) for usual in each]
         (weight, quick.likely), usual = max(weighed, key=lambda one: one[0][1])
         quick._weight = weight / usual.new
@@ -336,17 +338,16 @@ def _by_turning(
     return np.stack(found, axis=-1) if found else np.zeros((*turns.shape, 0))
 
 
-def _summed(of_steps: Array, starts: NDArray[np.intp], rolled: Array) -> Array:
-    """Return sums over windows (W, rows, n) of disagreement in steps (K - 1, rows, n), as a part of the way (W,)."""
-    sums: Array = np.add.reduceat(of_steps, starts, axis=0) / rolled[:, None, None]
-    return sums
-
-
 def _of_shared(shown: Array, seen: Array) -> tuple[Array, Array]:
     """Return score (n,) and information (n, n) of numbers by which disagreement (W, rows) changes by `shown` (W, rows,
     n), both in standard deviations."""
     columns = shown.reshape(seen.size, -1)
     return columns.T @ seen.reshape(-1), columns.T @ columns
+
+
+def _amounts(turned: Array) -> tuple[float, ...]:
+    """Return the amounts of disagreement by turning that are tried: where no motor turns contacts, none does any."""
+    return BY_TURNING if np.any(turned) else BY_TURNING[:1]
 
 
 def _part_of_way(variance: Array, starts: NDArray[np.intp], rolled: Array) -> Array:
@@ -391,7 +392,7 @@ def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], tu
     `LEAST`."""
     kinds = [(rows, _lasting(seen[:, rows], counted, linked[:, rows])) for rows in (along, ~along) if np.any(rows)]
     found = []
-    for amount in BY_TURNING if np.any(turned) else BY_TURNING[:1]:
+    for amount in _amounts(turned):
         usual, log_density = _Usual(np.zeros_like(seen), np.full(seen.shape, LEAST)), 0.0
         for rows, sizes in kinds:
             each = [_Usual.of(size, kept, amount * turned[:, rows]) for size, kept in sizes]

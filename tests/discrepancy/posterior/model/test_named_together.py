@@ -19,8 +19,6 @@ from discrepancy.posterior.random_effects import GoodOrder, Statistics
 ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
 PLACE = Candidate("place", (PivotPositionX(castor=1, value=PivotPositionX.step),))
 GAIN = Candidate("gain", (PivotGain(castor=1, value=PivotGain.step),))
-
-
 THIRD = Candidate("third", (PivotPositionY(castor=1, value=PivotPositionY.step),))
 
 
