@@ -98,20 +98,20 @@ class Examined:
     ) -> "Examined":
         """Return what is told. drives: for each answer, None where there is none."""
         checked, described = undone.checked, undone.described
-        found = undone.found(diagnosis.found.effects[len(diagnosis.robot.effects) :])
+        named = diagnosis.found.effects[len(diagnosis.robot.effects) :]
         these, *held_out = ((fit.before, fit.after) for fit in seen.values())
         logs = undone.logs, undone.held_out, undone.clean
         data = plain_data.as_data(diagnosis, logs, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
             "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
-            "effects": [] if found is None else found.to_dict()["effects"][len(described.effects) :],
+            "effects": [dataclasses.asdict(effect) for effect in undone.added(named)],
             "replay": _replay_data(*seen.values()),
         }
         for answer, drive in zip(data["answers"], drives, strict=True):
             answer["separating_drive"] = None if drive is None else plain_data.drive_data(drive)
         if sentences.unexplained(data):
             data["where"] = seen["these logs"].most_slip()
-        return cls(_finite(data), found, seen, tuple(drive for drive in drives if drive is not None))
+        return cls(_finite(data), undone.found(named), seen, tuple(drive for drive in drives if drive is not None))
 
     def page(self) -> str:
         """Return the report as one HTML page."""
