@@ -6,7 +6,7 @@ so mask a part of an effect: each candidate has two sizes, its amplitude, and ho
 does not show.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
 import numpy as np
@@ -207,13 +207,11 @@ def linearise(
     columns = columns_of(candidates)
     place = dict(zip(candidates, columns, strict=True))
     count = sum(candidate.columns for candidate in candidates)
-    usual, costs, disagreements, pulls, errors = np.full(count, np.nan), [], [], [], []
+    usual, costs, disagreements, pulls, errors = _usual(designs, place, count), [], [], [], []
     for design, log, slipping, slipped, steps in zip(designs, logs, slips, predicted, released, strict=True):
         model, state, clock, changes = design.model, design.state, design.clock, design.changes
         indices = numbers_of(design.candidates, place)
         of_readings = indices[len(design.steps) :]
-        unnamed = np.array([not cause.kinds for cause in design.candidates for _ in range(cause.columns)], dtype=bool)
-        usual[indices[unnamed]] = _usual(design)[unnamed]
         usual[of_readings[design.sways != 0]] = SWAY
         if robot.gyro is not None:
             usual[of_readings[design.gyro_scales != 0]] = robot.gyro.scale_tolerance
@@ -292,13 +290,26 @@ def _of_sizes(
     return Statistics(information, both), likely
 
 
-def _usual(design: DesignMatrix) -> Array:
-    """Return sizes (columns,) at which candidates change readings by `COUNTS`, or slips by `SLIP`, rms."""
+def _usual(designs: Sequence[DesignMatrix], place: Mapping[Candidate, NDArray[np.intp]], count: int) -> Array:
+    """Return sizes (count,) at which unnamed alternatives change readings by `COUNTS`, or slips by `SLIP`: rms over the
+    logs in which they are considered; NaN for other candidates. place: the numbers of their sizes."""
+    squares, logs = np.zeros((2, count))
+    for design in designs:
+        unnamed = np.array([not cause.kinds for cause in design.candidates for _ in range(cause.columns)], dtype=bool)
+        indices = numbers_of(design.candidates, place)[unnamed]
+        squares[indices] += _shown(design)[unnamed] ** 2
+        logs[indices] += 1
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.sqrt(logs / squares)
+
+
+def _shown(design: DesignMatrix) -> Array:
+    """Return by how much sizes of 1 (columns,) change readings, in `COUNTS`, or slips, in `SLIP`, rms; 1 of those that
+    hardly do."""
     rolled = np.sqrt(np.mean(design.model.rolled(design.geometry, design.state) ** 2))
     read, slipped = (np.sqrt(_mean_of_largest_squares(columns)) for columns in design.columns)
     shown = np.maximum(read / COUNTS, slipped / (SLIP * rolled + 1e-12))
-    shown = np.where(shown > ROUNDING, shown, 1.0)
-    return np.concatenate([np.full(len(design.steps), np.nan), 1 / shown])
+    return np.concatenate([np.full(len(design.steps), np.nan), np.where(shown > ROUNDING, shown, 1.0)])
 
 
 def _mean_of_largest_squares(columns: SparseColumns) -> Array:
