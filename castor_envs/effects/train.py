@@ -187,7 +187,7 @@ class FrameLength(Effect[TrainDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class SensorStops(Effect[TrainDescription]):
-    """From `value` seconds on, a frame's relative posture sensor repeats its last reading, whose age then grows."""
+    """From `value` seconds after its start, a frame's relative posture sensor repeats its last reading, which ages."""
 
     frame: Number
     value: DurationOrNone

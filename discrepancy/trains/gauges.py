@@ -54,11 +54,15 @@ def with_dead_gauges(
         likeliest = sorted(zip(parts, gauges, strict=True), key=lambda entry: -entry[0])
         if nothing > 1 - CREDIBLE:
             continue
-        count = int(np.searchsorted(np.cumsum([part for part, _ in likeliest]), CREDIBLE - nothing)) + 1
-        best = likeliest[0][1]
+        count = int(np.searchsorted(np.cumsum([part for part, _ in likeliest]), CREDIBLE * (1 - nothing))) + 1
+        best, parts_of_names = (
+            likeliest[0][1],
+            [*((part, gauge.family) for part, gauge in likeliest), (nothing, "nothing")],
+        )
         judged[best] = dataclasses.replace(
             answer,
-            probabilities={gauge.family: part for part, gauge in likeliest if part > SHOWN},
+            probabilities={name: part for part, name in parts_of_names if part > SHOWN},
+            absent=nothing,
             credible=tuple(gauge.family for _, gauge in likeliest[:count]),
             unnamed=False,
             candidate=best,
@@ -101,16 +105,15 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
 def stop_answers(
     train: TrainDescription, logs: Sequence[Log], held_out: Sequence[Log], seen: Linearised
 ) -> list[Answer]:
-    """Return the answers that sensors stop within logs, at the same time in all of them; the cost is that of the
+    """Return the answers that sensors stop within logs, as long after the start of all of them; the cost is that of the
     repeated reading."""
     answers = []
     for f in range(len(train.frames)):
         stops, period = [_stop(train, log, f) for log in logs], train.sample_period
         known = [time for time in stops if time is not None]
-        expected = train.as_built().frames[f].rps_stops
-        if not known or (expected is not None and abs(expected - known[0]) < 2 * period):
+        expected, time = train.as_built().frames[f].rps_stops, float(np.median(known or np.nan))
+        if not known or (expected is not None and abs(expected - time) < 2 * period):
             continue
-        time = float(np.median(known))
         candidate, error = Candidate.of(SensorStops(frame=f + 1, value=time), train), period / 12**0.5
         if not _agree(train, logs, f, time):
             times = ", ".join("not" if stop is None else f"at {stop:.2f} s" for stop in stops)
@@ -145,8 +148,8 @@ def _noise(seen: Linearised, f: int) -> tuple[float, float]:
 
 
 def _stop(train: TrainDescription, log: Log, f: int) -> float | None:
-    """Return the time (s) of the reading that a frame's sensor repeats to the log's end; None where it does not
-    stop."""
+    """Return the time after the log's start (s) of the reading that a frame's sensor repeats to its end; None where it
+    does not stop."""
     if log.rps is None or log.rps_age is None:
         return None
     read, age = log.rps[:, 3 * f : 3 * f + 3], log.rps_age[:, f]
@@ -156,12 +159,12 @@ def _stop(train: TrainDescription, log: Log, f: int) -> float | None:
         return None
     aged = age[-1] > STOPPED * train.sample_period / 2
     noisy = train.as_built().frames[f].gauge_noise > 0
-    return float(log.t[first] - age[first]) if aged or noisy else None
+    return max(float(log.t[first] - age[first] - log.t[0]), 0.0) if aged or noisy else None
 
 
 def _lasts(train: TrainDescription, log: Log, time: float) -> bool:
     """Whether a log goes on long enough to show that a sensor stops at a time."""
-    return bool(log.t[-1] > time + 2 * STOPPED * train.sample_period)
+    return bool(log.t[-1] - log.t[0] > time + 2 * STOPPED * train.sample_period)
 
 
 def _agree(train: TrainDescription, logs: Sequence[Log], f: int, time: float) -> bool:
@@ -176,7 +179,7 @@ def _agree(train: TrainDescription, logs: Sequence[Log], f: int, time: float) ->
 def _kept(seen: Linearised, k: int, f: int, time: float) -> Array:
     """Return the rms difference (2,), m and rad, of a frame's relative pose from that at which its sensor stopped."""
     log, relative = seen.train_logs[k], seen.fit.motions[k].relative[:, f]
-    after = log.t + log.clock_start >= time
+    after = log.t >= time
     if not after.any():
         return np.zeros(2)
     off = relative[after] - relative[after][0]

@@ -85,7 +85,6 @@ class TrainLog:
         self.described = train.as_described()
         self.n, self.f, self.k = train.n_axles, len(train.frames), len(log)
         self.t = log.t - log.t[0]
-        self.clock_start = float(log.t[0])
         self.counts = log.wheel
         frames, nan = self.f, np.nan
         rps = np.full((self.k, frames, 3), nan) if log.rps is None else log.rps.reshape(self.k, frames, 3)
@@ -190,7 +189,7 @@ class TrainLog:
         for f, frame in enumerate(built.frames):
             offsets = motion.offsets[self.gauges[f] : self.gauges[f + 1]]
             bowed = self._bowed(built, motion, ends, f)
-            read = bending.reading(frame, ends[:, f], offsets, self.t + self.clock_start, bowed, motion.raised[f])
+            read = bending.reading(frame, ends[:, f], offsets, self.t, bowed, motion.raised[f])
             left[f"gauges{f}"] = (self.rps[:, f] - read) * self.read[:, f, None]
         short = [bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
         left["shape"] = relative[..., 0] - np.stack(short, axis=1)
@@ -380,12 +379,11 @@ class TrainLog:
     def _by_gauge(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
         """Return the derivatives (K, 3, gauges) of a frame's reading by its gauges' errors."""
         frame, first, last = built.frames[f], self.gauges[f], self.gauges[f + 1]
-        t, columns = self.t + self.clock_start, []
-        bowed = self._bowed(built, motion, ends, f)
+        columns, bowed = [], self._bowed(built, motion, ends, f)
         for gauge in range(last - first):
             small = 1e-4 * np.eye(last - first)[gauge]
             above, below = (
-                bending.reading(frame, ends[:, f], motion.offsets[first:last] + d, t, bowed, motion.raised[f])
+                bending.reading(frame, ends[:, f], motion.offsets[first:last] + d, self.t, bowed, motion.raised[f])
                 for d in (small, -small)
             )
             columns.append((above - below) / 2e-4)

@@ -4,7 +4,10 @@ import dataclasses
 import json
 from contextlib import redirect_stdout
 from io import StringIO
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 
 from castor_envs.cli import command_line
@@ -14,8 +17,12 @@ from castor_envs.logs.csv import write_log
 from castor_envs.vehicles.presets import cfmmr
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy import cli
+from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
+from discrepancy.trains.candidates import Candidate
+from discrepancy.trains.gauges import with_dead_gauges
 from discrepancy.trains.posterior import diagnose_train
 
 
@@ -66,6 +73,29 @@ def test_a_dead_gauge_is_there_or_not(driven):
     assert after[1] < before[1]
 
 
+@pytest.mark.parametrize("more", [8.0, 9.5])
+def test_probabilities_of_dead_gauges_are_those_of_fits(more):
+    """Of one frame's four gauges, of which logs are likelier by `more` with the second dead, by 3 less with the first;
+    the answer by the linear formula is another."""
+    gauges = tuple(Candidate.of(DeadGauge(frame=1, gauge=k), cfmmr(2)) for k in (1, 2, 3, 4))
+    evidence = dict(zip(gauges, (more - 3, more, -50.0, -60.0), strict=True))
+    seen: Any = SimpleNamespace(candidates=gauges, cost=np.ones((2, 4)), log_evidence=0.0)
+    linear = Answer.judged_apart(gauges[3], 0.9, 1.0, 0.0, np.ones(2))
+
+    def look(named, *_) -> Any:
+        return SimpleNamespace(log_evidence=evidence[named[0].candidate])
+
+    names = 5
+    (answer,) = with_dead_gauges([linear], [], look, seen, names)
+    odds = np.exp([more - 3, more]) * (1 - NOTHING) / NOTHING / names
+    _, second, nothing = np.array([*odds, 1.0]) / (1 + odds.sum())
+    assert (answer.candidate, answer.absent) == (gauges[1], pytest.approx(nothing))
+    assert answer.probabilities["nothing"] == pytest.approx(nothing)
+    assert answer.probabilities[gauges[1].family] == pytest.approx(second)
+    enough = second >= CREDIBLE * (1 - nothing)
+    assert answer.credible == (gauges[1].family, gauges[0].family)[: 1 if enough else 2]
+
+
 def test_a_weaker_effect_is_named_beside_a_dead_gauge(driven):
     """The dead gauge is in the model as it is: no error of its signature, however much it explains, hides others."""
     found = found_in(driven(dead=(4,), tracks=(0.98, 1.0)))
@@ -79,6 +109,17 @@ def test_a_sensor_that_stops_is_named_at_its_time(driven):
     assert answer.size == pytest.approx(7.0, abs=0.06)
     denied = found_in(driven(stops=7.0), held_out=[driven(seed=2)[0]])
     assert only(denied).verdict == "unconfirmed"
+
+
+def test_clocks_of_logs_may_begin_anywhere(driven):
+    """As at a Unix time: when a sensor stops, and how far gauges have drifted, counts from the start of each log."""
+    (log, train), (other, _) = driven(stops=7.0), driven(seed=2, stops=7.0)
+    late, earlier = (dataclasses.replace(of, t=of.t + start) for of, start in ((log, 1.7e9), (other, -50.0)))
+    found = diagnose_train(train, [late], held_out=[earlier])
+    answer = only(found)
+    assert (found.verdict, type(answer.effect)) == ("named", SensorStops)
+    assert answer.size == pytest.approx(7.0, abs=0.06)
+    assert found.before.log_evidence == pytest.approx(diagnose_train(train, [log]).before.log_evidence, abs=0.5)
 
 
 def test_without_a_reference_sensors_and_wheels_suffice(driven):
