@@ -1,6 +1,7 @@
 """``castor-diagnose find``."""
 
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -53,6 +54,7 @@ def find(
         if path is not None and path.exists():
             raise InputError(f"{option} {path}: is there already; name a new {what}")
     paths = [logs_of(given or []) for given in (logs, holdout, clean)]
+    _check_apart(*paths)
     description = vehicle_of(robot, paths[0])
     if separate is not None and isinstance(description, TrainDescription):
         raise InputError(f"--separate {separate}: {description.name} is a train; drives are for single robots")
@@ -80,3 +82,13 @@ def find(
         write_drive(separate, best.trajectory, description.sample_period)
         lines.append(f"written: {separate}: {best.what}")
     tell(data, [*lines, *([] if out is None else [f"written: {out}"])], as_json)
+
+
+def _check_apart(logs: Sequence[Path], held_out: Sequence[Path], clean: Sequence[Path]) -> None:
+    """Raise InputError for a log that is given twice: it would confirm itself, or count as two."""
+    given: dict[Path, str] = {}
+    for what, paths in (("a log", logs), ("--holdout", held_out), ("--clean", clean)):
+        for path in paths:
+            if (before := given.get(path.resolve())) is not None:
+                raise InputError(f"{path}: is given twice, as {before} and as {what}; give it once")
+            given[path.resolve()] = what

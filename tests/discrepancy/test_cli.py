@@ -108,6 +108,11 @@ MISTAKES = [
     (["inspect", "bag/run.mcap", "--robot", "differential"], "not a log; castor-bench import makes a log of it"),
     (["inspect", "--robot", "differential"], "logs"),
     (["inspekt", "log.csv"], "inspekt"),
+    (
+        ["log.csv", "--robot", "differential", "--holdout", "./log.csv"],
+        "log.csv: is given twice, as a log and as --holdout; give it once",
+    ),
+    (["find", "log.csv", ".", "--robot", "differential"], "log.csv: is given twice, as a log and as a log"),
     (["inspect", "log.csv", "--robot", "differential", "--jason"], "--jason"),
 ]
 
