@@ -15,7 +15,7 @@ from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 FORMAT, DIGITS = "castor-inspect/1", 9
 """Name of the format, and decimals of its numbers."""
 
-#: The drift (`Parity.rolling_drift`) from which on a log contradicts its robot file. Simulated perfect rolling stayed
+#: The drift (`Parity.drift`) from which on a log contradicts its robot file. Simulated perfect rolling stayed
 #: below 1.5 at 10 to 100 samples a second (at 5, castors that swing round reach 2); half a percent of one wheel's
 #: radius reached 3 and more at 20, on small and large robots. The rms of single samples cannot show as much: the
 #: prediction for it holds within about 20 % for rolling and reads up to 35 % high for side slip, where castors hardly

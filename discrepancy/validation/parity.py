@@ -12,7 +12,7 @@ cube of the sample period.
 
 Residuals of a wrong description add up along the way; those of rounding do not, as a count that is read too high makes
 one step too long and the next too short. So an error of half a percent of a radius, far below the rounding of single
-samples, is nine times the rounding in sums over a second (`Parity.rolling_drift`).
+samples, is nine times the rounding in sums over a second (`Parity.drift`).
 """
 
 import numpy as np
@@ -47,7 +47,7 @@ class Parity:
     """
 
     def __init__(self, robot: RobotDescription, log: Log) -> None:
-        geometry = Geometry.of(robot)
+        geometry = Geometry.of(robot.as_built())
         steps = Windows(geometry, log.wheel, log.pivot)
         self.rows, self.redundancy, self.residual = steps.used, steps.redundancy, steps.left
         self.moving = np.any(np.diff(np.column_stack([log.wheel, log.pivot]), axis=0), axis=1)

@@ -46,6 +46,13 @@ def test_perfect_rolling_is_consistent(name, trajectory):
         assert verdict(robot, log) == CONSISTENT
 
 
+def test_effects_of_the_robot_file_are_known():
+    robot = preset("asoc-prototype").with_effects(WheelRadius(castor=1, wheel=1, value=0.02))
+    (log,) = logs(robot.as_built(), TRAJECTORIES["wander"], seeds=1)
+    assert verdict(robot, log) == CONSISTENT
+    assert verdict(robot.as_described(), log) != CONSISTENT
+
+
 @pytest.mark.parametrize("period", [0.01, 0.1])
 @pytest.mark.parametrize("trajectory", ["stops", "rounded", "eight"])
 def test_perfect_rolling_is_consistent_at_any_period(period, trajectory):

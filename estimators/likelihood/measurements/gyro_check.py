@@ -91,7 +91,7 @@ def _verdict(scale: float, follows: float) -> str:
 def _turns(robot: RobotDescription, log: Log) -> tuple[Array, Array, Array]:
     """Return the turns (W,), rad, by gyro and wheels, and the time (W,), s, of each window."""
     odometry, by_gyro = WheelOdometry(), GyroTurns()
-    odometry.reset(robot, np.zeros(3))
+    odometry.reset(robot.as_built(), np.zeros(3))
     heading, turned = [], []
     for observation in log.observations():
         heading.append(float(odometry.update(observation)[2]))
