@@ -342,8 +342,12 @@ class _Search:
         def look(changed: RobotDescription, among: Sequence[Candidate]) -> Linearised:
             return self.linearised(changed, start=self.seen, among=among)
 
+        def held_out(changed: RobotDescription) -> Linearised:
+            known = {"creep": self.creep, "jitter": self.jitter}
+            return linearise(changed, self.held_out, among=(), own_clocks=True, **known)
+
         curve = learned(found, self.logs, self.seen, channels, look)
-        if curve is None or (self.held_out and not helps(found, curve, self.held_out, self.creep)):
+        if curve is None or (self.held_out and not helps(found, curve, held_out)):
             return None
         self.curve, self.base = curve, self.robot.with_effects(curve.effect)
         return self.begin
@@ -383,12 +387,12 @@ class _HeldOut:
             return
         self.logs = in_phase(search.base, self.logs, search.named, creep=search.creep, jitter=search.jitter)
         among, found = search.among, search.found
-        after = self._linearised(found, among, own_clocks=True)
+        after = self._linearised(found, among)
         after.forget()
         if len(search.events):
             recurring, confirmed = search.events.in_other_logs(found, self.logs, after)
             self.confirmed, self.free = confirmed, recurring.released(found, self.logs, after)
-            after = self._linearised(found, among, own_clocks=True)
+            after = self._linearised(found, among)
         before = self._linearised(search.base, among) if search.named else after
         self.pair = before, after
         self.lacking = before if search.curve is None else self._linearised(search.robot, (), jitter=0.0)
@@ -397,11 +401,11 @@ class _HeldOut:
         """Return the statistics of the logs as made by another robot, of no candidate."""
         if self.pair is not None and robot == self.search.found:
             return self.pair[1]
-        return self._linearised(robot, (), own_clocks=True)
+        return self._linearised(robot, ())
 
     def _linearised(self, robot: RobotDescription, among: Sequence[Candidate], **options: Any) -> Linearised:
         known = {"creep": self.search.creep, "jitter": self.search.jitter} | options
-        return linearise(robot, self.logs, among=among, released=self.free, **known)
+        return linearise(robot, self.logs, among=among, released=self.free, own_clocks=True, **known)
 
 
 def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]) -> RobotDiagnosis:

@@ -269,7 +269,7 @@ class SingleEffects:
         cosine, slopes = np.clip(rays @ self.information @ rays.T, -1.0, 1.0), slope[chosen]
         sine = np.where(1 - cosine**2 > PARALLEL, 1 - cosine**2, np.inf)
         gain = np.triu((slopes[:, None] ** 2 + slopes**2 - 2 * cosine * np.outer(slopes, slopes)) / sine, 1)
-        best_pairs = np.argsort(-gain, axis=None)[:PAIRS].tolist()
+        best_pairs = [at for at in np.argsort(-gain, axis=None)[:PAIRS].tolist() if gain.flat[at] > 0]
         return [self._pair(score, *chosen[list(divmod(at, len(chosen)))].tolist()) for at in best_pairs]
 
     def _pair(self, score: Array, first: int, second: int) -> tuple[Component, Component]:
@@ -290,7 +290,9 @@ def _cut(low: Array, high: Array) -> tuple[Array, Array, Array]:
     low, high = np.where(mirrored, -high, low), np.where(mirrored, -low, high)
     upper, lower = log_ndtr(high), log_ndtr(low)
     log_mass = upper + np.log1p(-np.exp(np.minimum(lower - upper, -1e-300)))
-    at_low, at_high = (np.exp(-0.5 * np.minimum(end**2, 1e300) - 0.9189385332046727 - log_mass) for end in (low, high))
+    at_low, at_high = (
+        np.exp(-0.5 * np.minimum(end**2, 1e300) - np.log(2 * np.pi) / 2 - log_mass) for end in (low, high)
+    )
     mean = at_low - at_high
     finite_low, finite_high = (np.where(np.isfinite(end), end, 0.0) for end in (low, high))
     variance = np.clip(1 + finite_low * at_low - finite_high * at_high - mean**2, 1e-12, 1.0)

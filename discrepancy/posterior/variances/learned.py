@@ -19,7 +19,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, described, encoder_name
 from discrepancy.posterior.answers import Answer, Learned, Place
 from discrepancy.posterior.calibrated import FAULT, LOG_ODDS
-from discrepancy.posterior.linearise import Linearised, linearise
+from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.priors import PARTS, direction_of
 from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.validation.cost import cost_of
@@ -44,11 +44,12 @@ def encoders_of(answers: Sequence[Answer]) -> list[str]:
     return [description.split()[0] for description in unnamed if description.startswith(("wheel_", "pivot_"))]
 
 
-def helps(robot: RobotDescription, curve: Learned, held_out: Sequence[Log], creep: float | None) -> bool:
-    """Whether the likelihood ratio of held-out logs with a curve exceeds 19, and their gap shrinks."""
-    without = linearise(robot, held_out, creep=creep, among=())
+def helps(robot: RobotDescription, curve: Learned, held_out: Callable[[RobotDescription], Linearised]) -> bool:
+    """Whether the likelihood ratio of held-out logs with a curve exceeds 19, and their gap shrinks. held_out: returns
+    their statistics as made by a robot."""
+    without = held_out(robot)
     try:
-        beside = linearise(robot.with_effects(curve.effect), held_out, creep=creep, among=())
+        beside = held_out(robot.with_effects(curve.effect))
     except (np.linalg.LinAlgError, InputError):  # these logs are not of a robot with such a curve
         return False
     shrinks = without.gap is None or beside.gap is None or beside.gap[0] < without.gap[0]

@@ -281,8 +281,8 @@ def sliding_in(
 ) -> tuple[list[TrainLog], FittedStates]:
     """Return logs in which steps with possible sliding of a train's axles have little weight, and their motion.
 
-    start: see `linearise`. These steps follow from a fit without sliding, as forces show only in slip. If the remaining
-    steps then show no tension, the apparent sliding has another cause, unless frames are bent so much.
+    start: see `fit_states`. These steps follow from a fit without sliding, as forces show only in slip. If the
+    remaining steps then show no tension, the apparent sliding has another cause, unless frames are bent so much.
     """
     built, rough = train.as_built(), [log.with_loose(np.zeros_like(log.loose)) for log in logs]
     gripping = fit_states(train, rough, start)

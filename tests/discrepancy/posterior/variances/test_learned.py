@@ -55,8 +55,10 @@ def test_the_curve_put_in_comes_out_within_its_errors():
 def test_other_logs_confirm_it_and_clean_logs_do_not():
     curve = found(True)
     assert curve is not None
-    assert helps(ROBOT, curve, [driven(4, True)], None)
-    assert not helps(ROBOT, curve, [driven(4, False)], None)
+    for hidden in (True, False):
+        assert (
+            helps(ROBOT, curve, lambda robot, hidden=hidden: linearise(robot, [driven(4, hidden)], among=())) == hidden
+        )
 
 
 def test_a_robot_in_good_order_has_none():
