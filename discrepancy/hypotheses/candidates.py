@@ -54,11 +54,13 @@ class Candidate:
 
     kinds: effects of the catalogue, with the value of their step; two that differ by a quarter turn of `phase`
     represent an effect of any phase; empty: an unnamed alternative, described by `what`. columns: number of amplitudes.
+    when: the end of `what` that tells a time in one of the logs, of causes that other logs do not have.
     """
 
     what: str
     kinds: tuple[Effect, ...] = ()
     columns: int = 1
+    when: str = ""
 
     @property
     def family(self) -> str:
@@ -67,12 +69,12 @@ class Candidate:
 
     @property
     def alike(self) -> str:
-        """What the cause does, whichever wheel or castor it is of: causes that do the same scatter alike among robots
-        in good order."""
+        """What the cause does, whichever wheel or castor it is of, and whenever: causes that do the same scatter alike
+        among robots in good order."""
         if self.kinds:
             of_pivot = getattr(self.kinds[0], "wheel", 0) is None
             return f"{self.kinds[0].name} of a pivot" if of_pivot else self.kinds[0].name
-        place, _, behaviour = self.what.partition(" ")
+        place, _, behaviour = self.what.removesuffix(self.when).partition(" ")
         return f"{place.partition('_')[0]} {behaviour}"
 
     @property
@@ -376,19 +378,21 @@ def _misread(channels: Channels, log: Log, counts: Array, score: Array, of: str)
     samples = np.arange(len(counts))
     for c, name in enumerate(channels.names):
 
-        def alone(behaviour: str, *values: Array, c: int = c, name: str = name) -> tuple[Candidate, Array]:
+        def alone(
+            behaviour: str, *values: Array, when: str = "", c: int = c, name: str = name
+        ) -> tuple[Candidate, Array]:
             excess = np.zeros((*counts.shape, len(values)))
             excess[:, c] = np.stack(values, axis=-1) - [value[0] for value in values]
-            return Candidate(f"{name} {behaviour}", columns=len(values)), excess
+            return Candidate(f"{name} {behaviour}{when}", columns=len(values), when=when), excess
 
         channel_counts, angle = counts[:, c], counts[:, c] * 2 * np.pi / channels.per_rev[c]
         for first, last in itertools.pairwise(edges):
-            span = f"from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s{of}"
-            yield alone(f"reads in proportion too much {span}", channel_counts[np.clip(samples, first, last - 1)])
+            span = f" from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s{of}"
+            yield alone("reads in proportion too much", channel_counts[np.clip(samples, first, last - 1)], when=span)
         ends = int(ENDS * len(counts))
         later = np.abs(np.cumsum(score[:0:-1, c])[::-1])[ends : len(counts) - 1 - ends]
         jump = 1 + ends + int(np.argmax(later))
-        yield alone(f"jumps at {log.t[jump]:.1f} s{of}", np.where(samples >= jump, 1.0, 0.0))
+        yield alone("jumps", np.where(samples >= jump, 1.0, 0.0), when=f" at {log.t[jump]:.1f} s{of}")
         if np.ptp(angle) >= SWEPT:
             yield alone("repeats every turn", *(of(k * angle) for k in (1, 2, 3) for of in (np.sin, np.cos)))
         yield alone("reads too much with speed", np.cumsum(speed[:, c] * np.abs(speed[:, c]) * np.gradient(log.t)))

@@ -41,6 +41,11 @@ class Cause(Protocol):
         ...
 
     @property
+    def when(self) -> str:
+        """The end of `what` that tells a time in one of the logs; empty for causes that other logs may have."""
+        ...
+
+    @property
     def columns(self) -> int:
         """The number of amplitudes."""
         ...

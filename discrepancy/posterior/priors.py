@@ -68,9 +68,15 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     stands: dict[str, str] = {}
     for n, (candidate, k) in enumerate(shown):
         for earlier, j in shown[:n]:
-            if 1 - information[k, j] ** 2 / (information[k, k] * information[j, j]) < ALIKE:
+            if alike(information, k, j):
                 stands.setdefault(candidate.family, stands.get(earlier.family, earlier.family))
     return stands, frozenset(unseen)
+
+
+def alike(information: Array, first: int, second: int) -> bool:
+    """Whether sizes with these numbers do the same, by their information (m, m), so that nothing distinguishes them."""
+    squared_cosine = information[first, second] ** 2 / (information[first, first] * information[second, second])
+    return bool(1 - squared_cosine < ALIKE)
 
 
 def tolerances(seen: Seen) -> Array:
@@ -87,7 +93,7 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     """Return the sizes of all candidates that a vehicle in good order shows, from clean logs where there are any.
 
     Clean logs give common factors on all tolerances first, then how much effects of each class scatter, and the
-    background of each effect.
+    background of each effect, but for those that are of a certain time in one log.
     """
     if clean is None:
         return good_order(_usual(seen)).of_sizes(_basis(seen))
@@ -98,7 +104,7 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     scatter = np.diag([of_class.get(alike, own[k]) for k, alike in enumerate(_classes(seen))] * _usual(seen) ** 2)
     of_seen, of_clean = [], []
     for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
-        if candidate in clean.candidates:
+        if candidate in clean.candidates and not candidate.when:
             of_seen += columns.tolist()
             of_clean += clean.columns[clean.candidates.index(candidate)].tolist()
     at, of = (

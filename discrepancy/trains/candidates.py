@@ -67,6 +67,11 @@ class Candidate:
         """The effect; empty for an unnamed alternative."""
         return () if self.kind is None else (self.kind,)
 
+    @property
+    def when(self) -> str:
+        """The end of `what` that tells a time in one of the logs; empty for causes that other logs may have."""
+        return self.what.removeprefix(self.family)
+
     def restored(self, change: float) -> tuple[int, int] | None:
         """Return the frame and the gauge, from 1, that work again if this effect (a dead gauge) is removed; None for
         other effects."""

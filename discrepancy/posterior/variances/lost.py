@@ -15,18 +15,20 @@ from operator import itemgetter
 
 import numpy as np
 
+from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.encoders import TickLoss
 from castor_envs.effects.parts import channel
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import Candidate, candidates_of, described
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, described, place_of
 from discrepancy.measurement.fit_states import wheel_readings
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.model.named_together import by_formula
 from discrepancy.posterior.model.refit import Effects, Sized, families_of, statistics_of
-from discrepancy.posterior.priors import bounds_of
+from discrepancy.posterior.priors import alike, bounds_of
+from discrepancy.posterior.random_effects import summed
 from estimators.likelihood.channels import Channels
 
 PARTS = np.arange(1, 21) / 20
@@ -76,7 +78,8 @@ def lossy_above(
     robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], look: Look, odds: float
 ) -> Effects | None:
     """Return the effects in the model (`named`), or all but one of them, with the loss of a wheel's encoder above the
-    speed with which logs are likeliest; None if none makes them likelier than `advantage` asks by the linear formula.
+    speed with which logs are likeliest; None if none makes them likelier than `advantage` asks by the linear formula,
+    or if the wheel is always faster, one way, so that it is one of another radius.
 
     robot: without effects. odds: prior log odds of an effect.
     """
@@ -89,7 +92,10 @@ def lossy_above(
             proposed, gain = _proposed(candidate, named, left_out, seen)
             if gain > advantage(proposed, named, odds) + best and proposed[-1].size > 0:
                 best, found = gain - advantage(proposed, named, odds), (proposed, step)
-    return None if found is None else _refined(*found, look)
+    if found is None:
+        return None
+    (*kept, loss) = refined = _refined(*found, look)
+    return None if _is_radius(loss.candidate, robot, look, kept) else refined
 
 
 def advantage(effects: Sequence[Sized], named: Sequence[Sized], odds: float) -> float:
@@ -113,6 +119,22 @@ def of_same_wheel(loss: Sized, named: Sequence[Sized], seen: Linearised) -> list
         and candidate.family not in families_of(named)
     ]
     return [max(found, key=itemgetter(1))[0]] if found else []
+
+
+def _is_radius(loss: Cause, robot: RobotDescription, look: Look, beside: Sequence[Sized]) -> bool:
+    """Whether a loss does to logs what another radius of its wheel does, beside effects in the model."""
+    place = place_of(loss.kinds[0])
+    radii = [
+        candidate
+        for candidate in candidates_of(robot)
+        if isinstance(kind := candidate.kinds[0], WheelRadius) and place_of(kind).items() <= place.items()
+    ]
+    seen = look(beside, [loss, *radii])
+    if seen is None or not {loss, *radii} <= set(seen.candidates):
+        return False
+    information = summed(seen.logs).information
+    at, *others = (int(seen.columns[seen.candidates.index(cause)][0]) for cause in (loss, *radii))
+    return any(alike(information, at, other) for other in others)
 
 
 def _at_speeds(robot: RobotDescription, logs: Sequence[Log]) -> Iterator[tuple[Candidate, float]]:

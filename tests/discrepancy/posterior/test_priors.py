@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.presets import any_preset, preset
-from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.hypotheses.candidates import Candidate, candidates_of
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.priors import order_of, tolerances
 from discrepancy.posterior.random_effects import Statistics
@@ -77,6 +77,23 @@ def test_effects_that_clean_logs_do_not_hold_scatter_as_their_class_does():
     parts = seen.parts(order_of(seen, clean), which=is_of("wheel_radius"))
     assert np.ptp(parts) == pytest.approx(0.0, abs=1e-12)
     assert parts[0] == pytest.approx(SCATTER, rel=0.15)
+
+
+def test_what_happens_at_a_time_scatters_alike_at_any_and_is_no_background_of_another_log():
+    """A log's own times are not those of clean logs, though they may read the same."""
+    spans = [
+        Candidate("wheel_1l jumps at 3.0 s", when=" at 3.0 s"),
+        Candidate("pivot_2 jumps at 9.0 s", when=" at 9.0 s"),
+    ]
+    alike, always = Candidate("wheel_2l jumps at 9.0 s", when=" at 9.0 s"), Candidate("wheel_1l drifts with time")
+    clean, log = Shown.of([*spans, alike, always], 6), Shown.of([spans[0], always], 7)
+    order = order_of(log, clean)
+    (of_span,), (of_drift,) = log.columns
+    assert order.background[of_span] == 0.0
+    assert order.background[of_drift] != 0.0
+    parts = clean.parts(order_of(clean, clean), which=lambda candidate: candidate.what.startswith("wheel"))
+    assert parts[0] == pytest.approx(parts[1], rel=1e-9)
+    assert np.sqrt(order.scatter[of_span, of_span]) / log.usual[of_span] == pytest.approx(parts[0], rel=1e-9)
 
 
 def test_gauges_of_all_frames_scatter_alike():

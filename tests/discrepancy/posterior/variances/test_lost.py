@@ -11,11 +11,11 @@ from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.encoders import TickLoss
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.presets import preset
-from discrepancy.hypotheses.candidates import Candidate, candidates_of, signatures_of
+from discrepancy.hypotheses.candidates import Candidate, candidates_of, described, signatures_of
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized, with_effects
-from discrepancy.posterior.variances.lost import lossy_above, lossy_encoders, of_same_wheel
+from discrepancy.posterior.variances.lost import _is_radius, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("omni3")
@@ -88,6 +88,21 @@ def test_no_speed_is_found_where_nothing_is_lost():
         return linearise(with_effects(ROBOT, effects), [log], among=among)
 
     assert lossy_above(ROBOT, [log], (), look, -8.0) is None
+
+
+@pytest.mark.parametrize("direction", ["forward", "both"])
+def test_a_loss_at_nearly_all_speeds_is_another_radius_of_the_wheel(direction):
+    """Of a robot that only drives forward, faster than 0.091 rad/s nearly all the time. Where the encoder loses counts
+    above half of its speed, it is none."""
+    robot, drives = preset("differential"), Trajectory("ahead", (Run((Leg((1.0, 0.0, 0.6), 4.0),), 0.4, 0.5),))
+    log = drive(robot.with_effects(WheelRadius(castor=1, wheel=1, value=0.007)), drives, 1, duration=drives.duration)
+
+    def look(effects, among):
+        return linearise(with_effects(robot, effects), [log], among=among)
+
+    slow, fast = (TickLoss(castor=1, wheel=1, value=0.01, above=above, direction=direction) for above in (0.091, 3.0))
+    alike = [_is_radius(Candidate(described(loss), (loss,)), robot, look, ()) for loss in (slow, fast)]
+    assert alike == [True, False]
 
 
 def test_the_rival_of_a_loss_at_any_speed_is_the_radius_of_its_wheel():
