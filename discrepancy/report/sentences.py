@@ -44,8 +44,13 @@ def sentence(data: Data) -> str:
         parts.append("Nothing else that matters is missing.")
     elif not answers:
         trifles = "; ".join(answer["reason"] for answer in data["answers"])
-        nothing = f"Nothing that matters is missing: {trifles}." if trifles else ""
-        parts.append(nothing or "The robot's file explains these logs: nothing is missing.")
+        beside = f", beside the reference's own noise of about {off(_noise(data))}" if data["noise"] else ""
+        if far_off := unfound(data):
+            parts += [far_off, f"Negligible: {trifles}." if trifles else ""]
+        elif trifles:
+            parts.append(f"Nothing that matters is missing: {trifles}.")
+        else:
+            parts.append(f"The robot's file explains these logs{beside}: nothing is missing.")
     parts.append(together(data))
     return " ".join(part for part in parts if part)
 
@@ -112,6 +117,27 @@ def stays(data: Data) -> str:
     return f"{share} unexplained: {of}."
 
 
+def unfound(data: Data) -> str:
+    """Return by how much odometry is off the reference, if nothing that matters is found and this is more than twice
+    what the reference's own noise makes, and than in clean logs; else nothing."""
+    if material(data) or data["mistakes"] or data["noise"] is None:
+        return ""
+    usual = [max(parts) for parts in zip(_noise(data), data["clean_gap"] or (0.0, 0.0), strict=True)]
+    for log_set, of in GAPS:
+        if data[of] is not None and any(HALF * part > known for part, known in zip(data[of][0], usual, strict=True)):
+            return (
+                f"No effect that matters is found, but odometry is off the reference{log_set} by {off(data[of][0])} "
+                f"(rms), of which the reference's own noise makes about {off(_noise(data))}: look for poses that jump "
+                "or stand still, and for wheels that slip."
+            )
+    return ""
+
+
+def _noise(data: Data) -> list[float]:
+    """Return by how much the reference's own noise alone puts odometry off it, m and rad."""
+    return [math.sqrt(2) * data["noise"][key] for key in ("position_m", "heading_rad")]
+
+
 def left_out(data: Data) -> str:
     """Return the likeliest names that are not reported, if half or more of the gap stays unexplained; else nothing."""
     staying = _staying(data)
@@ -130,10 +156,10 @@ def together(data: Data) -> str:
 
 
 def unexplained(data: Data) -> bool:
-    """Whether something that matters is not named, or half of the gap stays and is no noise."""
+    """Whether something that matters is not named, or half of the gap stays or nothing is found, and it is no noise."""
     staying = _staying(data)
     named = all(answer["verdict"] == "named" for answer in material(data))
-    return not named or (staying is not None and not staying[3])
+    return not named or (staying is not None and not staying[3]) or bool(unfound(data))
 
 
 def material(data: Data) -> list[Data]:

@@ -201,8 +201,14 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
             answered(AMBIGUOUS),
             f"these motions cannot distinguish: {RADIUS} (60 %) or {LATE} (40 %), which costs 39.2 mm",
         ),
-        (answered(TRIFLE), f"Nothing that matters is missing: {RADIUS} costs less than matters."),
-        (answered(), "The robot's file explains these logs: nothing is missing."),
+        (answered(TRIFLE), f"for wheels that slip. Negligible: {RADIUS} costs less than matters."),
+        (answered(TRIFLE, noise=None), f"Nothing that matters is missing: {RADIUS} costs less than matters."),
+        (answered(), "No effect that matters is found, but odometry is off the reference by 12.5 mm"),
+        (answered(noise=None), "The robot's file explains these logs: nothing is missing."),
+        (
+            answered(noise={"position_m": 0.02, "heading_rad": 0.02}),
+            "explains these logs, beside the reference's own noise of about 28.3 mm and 28.3 mrad: nothing is missing.",
+        ),
     ],
 )
 def test_every_verdict_is_a_sentence_and_lines_and_a_page_without_empty_parts(data, part):
