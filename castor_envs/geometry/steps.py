@@ -123,6 +123,15 @@ class Slip:
         )
 
 
+def path_of(twist: Array) -> Array:
+    """Return the poses (K, 3), from 0 on, between motions of a body (K - 1, 3), each at a constant twist, m and rad."""
+    heading = np.concatenate([[0.0], np.cumsum(twist[:, 2])])
+    middle = (heading[1:] + heading[:-1]) / 2
+    way = (twist[:, 0] + 1j * twist[:, 1]) * np.sinc(twist[:, 2] / (2 * np.pi)) * np.exp(1j * middle)
+    x, y = (np.concatenate([[0.0], np.cumsum(part)]) for part in (way.real, way.imag))
+    return np.column_stack([x, y, heading])
+
+
 def even_steps(t: Array) -> NDArray[np.bool_]:
     """Return which steps (K - 1,) between samples at t (K,) last as long as both their neighbours, up to `EVEN`."""
     period = np.diff(t)

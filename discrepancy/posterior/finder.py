@@ -51,7 +51,7 @@ from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
 from discrepancy.posterior.variances.lost import advantage, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
-from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, weakest
 from discrepancy.validation.cost import WAY
 from discrepancy.validation.sufficient import check_seen, must_fit
 
@@ -439,7 +439,7 @@ def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before:
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
     inclusion = by_all_logs(inclusion, every, answers)
-    whole, after_all = verdict_of(answers), seen.without_designs()
+    whole, after_all = weakest(answer.verdict for answer in answers), seen.without_designs()
     known = search.creep, tuple(held_out.logs), clean_gap
     diagnosis = Diagnosis(robot, whole, answers, inclusion, search.plain, after_all, pair, *known)
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)

@@ -1,7 +1,7 @@
 """The verdict on an answer: it follows from its probabilities, from held-out logs, and from its cost in use."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -16,8 +16,14 @@ from discrepancy.posterior.priors import bounds_of, directions_in_model
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing
 from estimators.calibration.identifiability import COVERAGE
 
-WEAKEST_FIRST: tuple[Verdict, ...] = ("unexplained", "ambiguous", "unconfirmed", "named", "negligible")
-
+WEAKEST_FIRST: tuple[Verdict, ...] = (
+    "unexplained",
+    "ambiguous",
+    "unconfirmed",
+    "named",
+    "negligible",
+    "no discrepancy",
+)
 
 HALF = 0.5
 """Part of a gap from which on, if it stays, something that matters is still unknown."""
@@ -81,12 +87,9 @@ def by_all_logs(inclusion: Mapping[str, float], before: Sequence[Answer], after:
     return dict(sorted(found.items(), key=lambda entry: -entry[1]))
 
 
-def verdict_of(answers: Sequence[Answer]) -> Verdict:
-    """Return the verdict of the whole diagnosis: the weakest verdict of answers that are not negligible."""
-    verdicts = [answer.verdict for answer in answers if answer.verdict != "negligible"]
-    if verdicts:
-        return next(verdict for verdict in WEAKEST_FIRST if verdict in verdicts)
-    return "negligible" if answers else "no discrepancy"
+def weakest(verdicts: Iterable[Verdict]) -> Verdict:
+    """Return the verdict of several together: the weakest of them, or "no discrepancy" if there is none."""
+    return min(verdicts, key=WEAKEST_FIRST.index, default="no discrepancy")
 
 
 def gap_shrinks(before: Seen, after: Seen, material: Material) -> bool:

@@ -12,7 +12,7 @@ from discrepancy.hypotheses.candidates import described, family_of
 from discrepancy.posterior.answers import SHOWN, Answer, Learned, Seen
 from discrepancy.posterior.finder import Diagnosis
 from discrepancy.posterior.model.dimensions import Dimension
-from discrepancy.posterior.verdicts import WEAKEST_FIRST
+from discrepancy.posterior.verdicts import weakest
 from discrepancy.preflight import Mistake
 from discrepancy.preflight.undo import Logs
 from estimators.calibration.identifiability import COVERAGE
@@ -32,12 +32,10 @@ def as_data(
     linearised without and, if anything is named, with it. mistakes: gross ones, undone in the logs.
     """
     noise, gross = (seen[1] or seen[0]).noise, [_mistake(mistake) for mistake in mistakes]
-    missing = [diagnosis.verdict] if diagnosis.verdict != "no discrepancy" or not gross else []
-    verdicts = [*(mistake["verdict"] for mistake in gross), *missing]
     return {
         "format": FORMAT,
         "robot": diagnosis.robot.name,
-        "verdict": min(verdicts, key=(*WEAKEST_FIRST, "no discrepancy").index),
+        "verdict": weakest([diagnosis.verdict, *(mistake["verdict"] for mistake in gross)]),
         "mistakes": gross,
         "answers": [answer_data(answer) for answer in diagnosis.answers],
         "dimensions": [dimension_data(dimension) for dimension in diagnosis.dimensions],

@@ -5,7 +5,6 @@ import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +14,7 @@ from castor_envs.effects.train import AxleSlip, DeadGauge, ForeshorteningLeftOut
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.train import TrainDescription
+from discrepancy.hypotheses.candidates import place_of
 from discrepancy.posterior.linearise import COUNTS, SLIP
 from estimators.likelihood.trains.rows import ROUGH, TrainLog
 from estimators.likelihood.trains.states import Term
@@ -94,7 +94,7 @@ class Candidate:
         """
         (kind,), effects = self.kinds, self._effects(train)
         for k, effect in enumerate(effects):
-            if _place(effect) == _place(kind):
+            if type(effect) is type(kind) and place_of(effect) == place_of(kind):
                 if effect.binary:
                     return self._with(train, (*effects[:k], *effects[k + 1 :])), -kind.step
                 for change in (kind.step, -kind.step):
@@ -113,11 +113,6 @@ class Candidate:
         modules = list(train.modules)
         modules[self.axle - 1] = dataclasses.replace(modules[self.axle - 1], effects=effects)
         return dataclasses.replace(train, modules=tuple(modules))
-
-
-def _place(effect: Effect) -> dict[str, Any]:
-    """Return all fields of an effect but its amplitude."""
-    return {name: value for name, value in dataclasses.asdict(effect).items() if name != "value"}
 
 
 def named_candidates(train: TrainDescription) -> list[Candidate]:

@@ -20,7 +20,7 @@ from discrepancy.posterior.model.named_together import Asked, asked, named_toget
 from discrepancy.posterior.model.refit import Effects, Sized, sizes_of, with_effects
 from discrepancy.posterior.priors import hypothesis_of, order_of, tolerances
 from discrepancy.posterior.single_effects import Hypothesis, Posterior
-from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, weakest
 from discrepancy.trains.candidates import Candidate, dead_gauges, named_candidates, rivals
 from discrepancy.trains.gauges import noise_answers, stop_answers, with_dead_gauges
 from discrepancy.trains.linearise import Linearised, linearise
@@ -52,7 +52,7 @@ def diagnose_train(
     jackknifed = _jackknifed(seen)
     if jackknifed is not None:
         answers = judged([jackknifed], (), None, None, Material(0.0, 0.0))  # it matters, whatever it costs
-        return Diagnosis(train, verdict_of(answers), answers, {}, first, seen, None)
+        return Diagnosis(train, weakest(answer.verdict for answer in answers), answers, {}, first, seen, None)
     held, order = None, None
     if held_out:
         among = _of_trains([effect.candidate for effect in named])
@@ -68,7 +68,7 @@ def diagnose_train(
     usual_gap = None if good is None else good.gap
     answers = judged(every, named, held, order, material, usual_gap=usual_gap, own=(first, seen))
     inclusion = by_all_logs(posterior.inclusion(), every, answers)
-    return Diagnosis(train, verdict_of(answers), answers, inclusion, first, seen, held)
+    return Diagnosis(train, weakest(answer.verdict for answer in answers), answers, inclusion, first, seen, held)
 
 
 def _named(

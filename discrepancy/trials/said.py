@@ -14,7 +14,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.diagnose import diagnosed, examined
 from discrepancy.hypotheses.candidates import family_of
 from discrepancy.posterior.answers import Answer, Verdict
-from discrepancy.posterior.verdicts import WEAKEST_FIRST
+from discrepancy.posterior.verdicts import weakest
 from discrepancy.preflight import Mistake
 from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined
@@ -95,9 +95,8 @@ class Said:
             for name, probability in single.probabilities.items():
                 if name is not None:
                     absent[name] = absent.get(name, 1.0) * (1.0 - min(probability, 1.0))
-        verdicts = [*WEAKEST_FIRST, "no discrepancy"]
         return cls(
-            min((single.verdict for single in singles), key=verdicts.index, default="no discrepancy"),
+            weakest(single.verdict for single in singles),
             {name: single.probabilities[name] for single in sure for name in single.credible if name is not None},
             tuple(tuple(name for name in single.credible if name is not None) for single in singles),
             any(None in single.credible for single in singles),

@@ -27,7 +27,7 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.alignment import aligned
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, relative_pose
-from castor_envs.geometry.steps import smoothed
+from castor_envs.geometry.steps import path_of, smoothed
 from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.motion.kinematics import Geometry
 from estimators.likelihood.elimination import FEW, LARGE, Rows, blocks, information_on_states, log_determinant
@@ -240,7 +240,7 @@ class LogLikelihood(RollingConstraints):
         known = self._poses.poses[anchors]
         turned = np.concatenate([[0.0], np.cumsum(twist[:, 2])])[:, None]
         twist[:, 2:] += np.diff(shared_out(known[:, 2:] - turned[anchors]), axis=0)
-        path = _chained(twist)
+        path = path_of(twist)
         path = compose(known[0], relative_pose(path[anchors[0]], path))
         path += shared_out(known - path[anchors])
         return np.column_stack([path, self._counts])
@@ -250,7 +250,7 @@ class LogLikelihood(RollingConstraints):
 
         From the first reference pose on, or from 0 at the first sample.
         """
-        path = _chained(self._twist(geometry, slips))
+        path = path_of(self._twist(geometry, slips))
         anchors = self._poses.taken[:1]
         return compose(self._poses.poses[anchors[0]], relative_pose(path[anchors[0]], path)) if len(anchors) else path
 
@@ -534,15 +534,6 @@ class LogLikelihood(RollingConstraints):
             others = len(mount) + len(clock)
             kinds["gyro"] = self._gyro.rows(state, weights["gyro"], values["gyro"], scales, others)
         return kinds
-
-
-def _chained(twist: Array) -> Array:
-    """Return poses (K, 3) from 0 on after constant body motions (K - 1, 3)."""
-    heading = np.concatenate([[0.0], np.cumsum(twist[:, 2])])
-    middle = (heading[1:] + heading[:-1]) / 2
-    way = (twist[:, 0] + 1j * twist[:, 1]) * np.sinc(twist[:, 2] / (2 * np.pi)) * np.exp(1j * middle)
-    x, y = (np.concatenate([[0.0], np.cumsum(part)]) for part in (way.real, way.imag))
-    return np.column_stack([x, y, heading])
 
 
 def moved_along(state: Array, step: Array) -> Array:

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.ndimage import binary_dilation
+from scipy.ndimage import binary_dilation, uniform_filter1d
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
+from castor_envs.geometry.steps import path_of
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from estimators.likelihood.trains import bending
@@ -135,12 +136,7 @@ class TrainLog:
         turn, along = (way[..., 1] - way[..., 0]) / (2 * bending.half_track(built)), way.mean(axis=2)
         pose = np.zeros((self.k, self.n, 3))
         for i in range(self.n):
-            heading = np.concatenate([[0.0], np.cumsum(turn[:, i])])
-            middle = (heading[1:] + heading[:-1]) / 2
-            chord = along[:, i] * np.sinc(turn[:, i] / (2 * np.pi))
-            c, s = np.cos(middle), np.sin(middle)
-            steps = np.column_stack([c * chord, s * chord])
-            path = np.column_stack([np.concatenate([np.zeros((1, 2)), np.cumsum(steps, axis=0)]), heading])
+            path = path_of(np.column_stack([along[:, i], np.zeros(self.k - 1), turn[:, i]]))
             if i > 0 and self.read[:, i - 1].any():
                 pose[:, i] = compose(pose[:, i - 1], inverse(self.smoothed(built, i - 1)))
             elif len(self.at):
@@ -165,8 +161,7 @@ class TrainLog:
         width = min(SMOOTH, int(valid.sum()))
         seen = np.zeros((self.k, 3))
         for j in (1, 2):
-            padded = np.pad(self.rps[valid, f, j], width // 2, mode="edge")
-            smooth = np.convolve(padded, np.ones(width) / width, mode="valid")[: int(valid.sum())]
+            smooth = uniform_filter1d(self.rps[valid, f, j], width, mode="nearest")
             seen[:, j] = np.interp(self.t, self.t[valid], smooth)
         seen[:, 0] = bending.posture_of(frame, bending.ends(frame, seen))[:, 0]
         return seen

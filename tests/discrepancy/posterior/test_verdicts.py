@@ -13,7 +13,7 @@ from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, verdict_of
+from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, weakest
 
 CAUSE: Any = SimpleNamespace(
     what="wheel radius",
@@ -48,7 +48,7 @@ def seen(log_evidence, gap) -> Any:
 
 def verdict(without, with_named, material=MATERIAL, answer=ANSWER, fit=None):
     named = [Sized(CAUSE, ANSWER.amplitudes)]
-    return verdict_of(judged([answer], named, (without, with_named), ORDER, material, fit))
+    return weakest(answer.verdict for answer in judged([answer], named, (without, with_named), ORDER, material, fit))
 
 
 @pytest.mark.parametrize(
@@ -230,7 +230,10 @@ def test_a_name_that_held_out_logs_contradict_has_no_probability():
 @pytest.mark.parametrize(("probability", "expected"), [(0.951, "named"), (0.949, "unconfirmed")])
 def test_a_name_is_certain_to_the_probability_of_a_credible_set(probability, expected):
     answer = dataclasses.replace(ANSWER, probabilities={CAUSE.family: probability, "nothing": 1 - probability})
-    assert verdict_of(judged([answer], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL)) == expected
+    assert (
+        weakest(answer.verdict for answer in judged([answer], [Sized(CAUSE, ANSWER.amplitudes)], None, None, MATERIAL))
+        == expected
+    )
 
 
 def test_an_effect_of_which_held_out_logs_hold_nothing_is_no_obstacle():
