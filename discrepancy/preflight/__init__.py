@@ -15,7 +15,7 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.calibrated import LOG_ODDS
-from discrepancy.preflight.checks import dead_columns, listed, mistakes_in, remarks
+from discrepancy.preflight.checks import dead_columns, listed, mistakes_in, remarks, stops
 from discrepancy.preflight.likelihood import USUAL, Misfit, WiringLikelihood
 from discrepancy.preflight.search import Candidate, search
 from estimators.likelihood.channels import Channels
@@ -78,6 +78,9 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
     mistakes = [Mistake(f"{name}: {what}") for name, log in named for what in mistakes_in(robot, log)]
     if mistakes:
         return Preflight(tuple(mistakes))
+    mistakes = [Mistake(f"{name}: {what}") for name, log in named for what in _stopped(robot, log)]
+    if mistakes:
+        return Preflight(tuple(mistakes))
     reported = [f"{name}: {remark}" for name, log in named for remark in remarks(robot, log)]
     likelihood, slid = WiringLikelihood(robot, logs, dead_columns(logs)), False
     if likelihood.sees:
@@ -127,6 +130,21 @@ def _mistakes(nominal: Misfit, best: Candidate, alike: Sequence[Candidate]) -> I
 
 def _named(candidate: Candidate) -> str:
     return " and ".join(mistake.what for mistake in candidate.mistakes)
+
+
+def _stopped(robot: RobotDescription, log: Log) -> Iterator[str]:
+    """Yield encoders that stand still from a row on although the other encoders and the reference require that they
+    turn."""
+    nominal = np.eye(len(Channels(robot).names) + 4)
+    for column, row in stops(log).items():
+        poses = None if log.reference is None else log.reference[row:]
+        rest = Log(log.t[row:], log.wheel[row:], log.pivot[row:], reference=poses)
+        with_it, without = (WiringLikelihood(robot, [rest], frozenset(out)) for out in ((), (column,)))
+        if with_it.sees and without.sees and with_it.of(nominal).cost > without.of(nominal).cost + LOG_ODDS:
+            yield (
+                f"{Channels(robot).names[column]} never changes after row {row + 1} (t {log.t[row]:.6g} s), although "
+                "the others say that it must; check its cable, or leave these rows out"
+            )
 
 
 def _dead(robot: RobotDescription, logs: Sequence[Log], best: Candidate) -> Iterator[Mistake]:

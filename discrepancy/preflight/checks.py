@@ -28,6 +28,9 @@ SLOW = 0.05
 LONGEST_GAP = 86400.0
 """s: most between two samples, a day."""
 
+STOPPED = 20
+"""Rows that an encoder may stand still at a log's end without being asked why."""
+
 MOST_PLACES = 3
 """Most places that are named of each kind."""
 
@@ -36,6 +39,20 @@ def dead_columns(logs: Sequence[Log]) -> frozenset[int]:
     """Return the encoders, pivots before wheels, that never change in any log though others do."""
     still = np.all([np.ptp(_counts(log), axis=0) == 0 for log in logs], axis=0)
     return frozenset(np.flatnonzero(still).tolist()) if not still.all() else frozenset()
+
+
+def stops(log: Log) -> dict[int, int]:
+    """Return the encoders, pivots before wheels, that stand still at the log's end longer than they ever do before,
+    while others go on, each with the row from which on it does."""
+    counts = _counts(log)
+    moving = np.diff(counts, axis=0) != 0
+    found = {}
+    for column in np.flatnonzero(moving.any(axis=0)).tolist():
+        rows = np.flatnonzero(moving[:, column])
+        still = len(moving) - 1 - rows[-1]
+        if still > max(np.diff(rows, prepend=-1).max(), STOPPED) and moving[-still:].any():
+            found[column] = int(rows[-1]) + 1
+    return found
 
 
 def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:

@@ -58,7 +58,10 @@ def sentence(data: Data) -> str:
 def as_lines(data: Data) -> list[str]:
     """Return the same facts as the page in about ten lines."""
     lines, file = [line for line in (stays(data), left_out(data)) if line], data.get("file", "robot.json")
-    lines += [f"{data['robot']}: {data['verdict']}", *(f"pre-flight: {line}" for line in data["preflight"])]
+    lines.append(f"{data['robot']}: {data['verdict']}")
+    others = {mistake["what"]: "; ".join(mistake["alternatives"]) for mistake in data["mistakes"]}
+    for line in data["preflight"]:
+        lines += [f"pre-flight: {line}", *([f"  or: {rivals}"] if (rivals := others.get(line)) else [])]
     for answer in material(data):
         size, check = size_of(answer), answer["check"]
         told = f"{answer['verdict']}: {answer['what']}, {percent(answer['probability'])} sure"

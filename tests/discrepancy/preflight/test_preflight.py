@@ -284,6 +284,30 @@ def test_a_channel_that_wrongly_stands_still_is_a_mistake():
         assert found.fatal
 
 
+def test_a_channel_that_stops_on_the_way_is_a_mistake():
+    log = log_of(ASOC)
+    for part, column, name in (("wheel", 2, "wheel_2l"), ("pivot", 1, "pivot_2")):
+        counts = getattr(log, part).copy()
+        counts[200:, column] = counts[200, column]
+        found = preflight(ASOC, [dataclasses.replace(log, **{part: counts})], ["a.csv"])
+        assert only(found).what.startswith(
+            f"a.csv: {name} never changes after row 201 (t {log.t[200]:.6g} s), although"
+        )
+        assert found.fatal
+
+
+def test_a_robot_that_stops_or_turns_about_a_wheel_has_no_mistake():
+    differential, asoc = preset("differential"), log_of(ASOC)
+    rest = {part: getattr(asoc, part).copy() for part in ("wheel", "pivot", "reference")}
+    for values in rest.values():
+        values[200:] = values[200]
+    assert preflight(ASOC, [dataclasses.replace(asoc, **rest)]).mistakes == ()
+    about = Trajectory("about", tuple(Run((Leg(way, 2.0),), 0.3, 0.5) for way in ((1.0, 0.0, 0.0), (0.17, 0.0, -1.0))))
+    rolled = roll(differential, about)
+    assert np.ptp(rolled.wheel_angle[-100:, 0]) > 10 * np.ptp(rolled.wheel_angle[-100:, 1])
+    assert preflight(differential, [log_of(differential, rolled=rolled)]).mistakes == ()
+
+
 def test_a_counter_that_wraps_is_reported_with_size_and_place():
     log = log_of(ASOC)
     wheel = log.wheel.copy()

@@ -190,6 +190,8 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
     mistake = {"verdict": "ambiguous", "what": "pivot_1 is reversed: see", "alternatives": ["wheel_1l is reversed"]}
     text = sentences.sentence(answered(mistakes=[mistake]))
     assert text.startswith("Gross mistake: pivot_1 is reversed, or else wheel_1l is reversed.")
+    lines = sentences.as_lines(answered(mistakes=[mistake], preflight=[mistake["what"], "short"]))
+    assert lines[1:4] == ["pre-flight: pivot_1 is reversed: see", "  or: wheel_1l is reversed", "pre-flight: short"]
 
 
 @pytest.mark.parametrize(
