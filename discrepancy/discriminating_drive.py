@@ -95,7 +95,7 @@ def _expected(
         return 0.0
     information = order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
     directions = [[direction_of(seen, Place(k, part)) for part in PARTS] for k in likely]
-    found = direction_of(seen, Place(likely[0], answer.hidden)) @ answer.amplitudes
+    found = direction_of(seen, Place(likely[0], answer.masked)) @ answer.amplitudes
     sizes = [found, *(_nearest(found, of_effect, known) for of_effect in directions[1:])]
     pairs = itertools.permutations(range(len(likely)), 2)
     left = (sizes[a] - _nearest(sizes[a], directions[b], information) for a, b in pairs)

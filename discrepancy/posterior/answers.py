@@ -130,7 +130,7 @@ class Place(NamedTuple):
     """The candidate that a hypothesis is about, by its number, and the part of it that wheel creep masks."""
 
     candidate: int
-    hidden: float
+    masked: float
 
 
 Verdict = Literal["named", "ambiguous", "unexplained", "unconfirmed", "negligible", "no discrepancy"]
@@ -163,7 +163,7 @@ class Answer:
     probabilities: of names, the likeliest first, and of "nothing"; absent: that of "nothing", however small. credible:
     the 95 % credible set of names. unnamed:
     whether this set contains an unnamed alternative. candidate: the likeliest candidate, with its amplitudes (c,),
-    their covariance (c, c), and the part of it that wheel creep masks (`hidden`). explained: the deviance (twice the
+    their covariance (c, c), and the part of it that wheel creep masks (`masked`). explained: the deviance (twice the
     log-likelihood ratio) that the effect explains. cost (2,): odometry error that a unit of its amplitudes causes, m
     after 10 m and rad after a turn. alike: names of effects that are the same on this vehicle, whatever it does, as the
     likeliest. confirmed: log-likelihood ratio of held-out logs with and without the effect, where
@@ -178,7 +178,7 @@ class Answer:
     amplitudes: Array
     covariance: Array
     cost: Array
-    hidden: float = 0.0
+    masked: float = 0.0
     explained: float = 0.0
     absent: float = 0.0
     alike: tuple[str, ...] = ()
@@ -288,7 +288,7 @@ def answers_of(
             candidate=cause,
             amplitudes=mean,
             covariance=covariance,
-            hidden=float(weight @ [places[k].hidden for k in same_candidate]),
+            masked=float(weight @ [places[k].masked for k in same_candidate]),
             explained=component.square,
             cost=np.max(seen.cost[:, seen.columns[candidate]], axis=1),
         )

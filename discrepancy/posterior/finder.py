@@ -24,7 +24,7 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import (
-    LOOKS,
+    MOST_SEARCHES,
     Asked,
     asked,
     by_formula,
@@ -178,10 +178,10 @@ class _Search:
 
     def run(self) -> None:
         """Name effects, and begin anew with what else the logs show beside these, until they show nothing else, or for
-        `LOOKS` times: as more and more of a log is released, what is left looks more and more unusual."""
+        `MOST_SEARCHES` times: as more and more of a log is released, what is left looks more and more unusual."""
         first = self.afresh() if self.jitter or self.begin else self.plain
         self.plain = self.plain.without_designs()
-        for left in reversed(range(LOOKS)):
+        for left in reversed(range(MOST_SEARCHES)):
             self.somewhere = _at_places(first)
             self.named, self.seen, self.posterior, self.answers = named_together(
                 self.base, self.look, self.ask, first, self.begin, self.displaced
@@ -369,16 +369,16 @@ def _at_places(seen: Linearised) -> tuple[Candidate, ...]:
     return tuple(candidate for candidate in seen.candidates if candidate.at_a_place)
 
 
-class _HeldOut:
+class _HeldOutLogs:
     """Held-out logs, beside the effects in the model, if there are any.
 
     pair: their statistics without and with these effects; lacking: without any learned curve, too. confirmed: the log
-    Bayes factor of each event in them, or None; `free`: the steps in which contacts slip freely. logs: with their
+    Bayes factor of each event in them, or None; released: the steps in which contacts slip freely. logs: with their
     wheels `in_phase`.
     """
 
     def __init__(self, search: _Search) -> None:
-        self.search, self.free = search, Released()
+        self.search, self.released = search, Released()
         self.confirmed: Sequence[float | None] = [None] * len(search.events)
         self.pair: tuple[Linearised, Linearised] | None = None
         self.lacking: Linearised | None = None
@@ -391,7 +391,7 @@ class _HeldOut:
         after.forget()
         if len(search.events):
             recurring, confirmed = search.events.in_other_logs(found, self.logs, after)
-            self.confirmed, self.free = confirmed, recurring.released(found, self.logs, after)
+            self.confirmed, self.released = confirmed, recurring.released(found, self.logs, after)
             after = self._linearised(found, among)
         before = self._linearised(search.base, among) if search.named else after
         self.pair = before, after
@@ -405,14 +405,14 @@ class _HeldOut:
 
     def _linearised(self, robot: RobotDescription, among: Sequence[Candidate], **options: Any) -> Linearised:
         known = {"creep": self.search.creep, "jitter": self.search.jitter} | options
-        return linearise(robot, self.logs, among=among, released=self.free, own_clocks=True, **known)
+        return linearise(robot, self.logs, among=among, released=self.released, own_clocks=True, **known)
 
 
 def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]) -> RobotDiagnosis:
     """Return the diagnosis: what was found, as far as held-out logs confirm it, and clean logs do not show it as large.
     usual: noise of clean logs; as_before: families that these show (`in_good_order`)."""
     robot, base, logs, seen, material = search.robot, search.base, search.logs, search.seen, search.material
-    held_out = _HeldOut(search)
+    held_out = _HeldOutLogs(search)
     after = None if held_out.pair is None else held_out.pair[1]
     beside = search.events.answers(search.found, logs, seen, held_out.confirmed, encoders_of(search.answers))
     beside += [] if search.jittery is None else [search.jittery]
@@ -445,7 +445,7 @@ def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before:
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
 
 
-def _with_dimensions(diagnosis: RobotDiagnosis, search: _Search, held_out: _HeldOut) -> RobotDiagnosis:
+def _with_dimensions(diagnosis: RobotDiagnosis, search: _Search, held_out: _HeldOutLogs) -> RobotDiagnosis:
     """Return a diagnosis with the dimensions as they are guessed together, and sizes of named ones beside these, if any
     is in a credible set and the guess shrinks the gap of held-out logs."""
     seen, material = search.seen, search.material

@@ -209,8 +209,8 @@ def direction_of(seen: Seen, place: Place) -> Array:
     columns = seen.columns[place.candidate]
     direction = np.zeros((len(seen.logs[0].score), len(columns)))
     direction[columns, np.arange(len(columns))] = 1.0
-    if place.hidden and len(direction) > len(seen.usual):
-        direction[columns + len(seen.usual), np.arange(len(columns))] = place.hidden
+    if place.masked and len(direction) > len(seen.usual):
+        direction[columns + len(seen.usual), np.arange(len(columns))] = place.masked
     return direction
 
 

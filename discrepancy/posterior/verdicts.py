@@ -57,7 +57,7 @@ def judged(
     other effects in the model, None where they do not fit. usual_gap: that of clean logs, if there are any. own:
     statistics of the logs themselves, without and with these effects.
     """
-    kept = None if held_out is None or order is None else _HeldOut(named, held_out[0], held_out[1], order, fit)
+    kept = None if held_out is None or order is None else _Confirmation(named, held_out[0], held_out[1], order, fit)
     if kept is not None:
         answers = [kept.updated(answer) for answer in answers if not kept.contradict(answer)]
     verdicts = [_judgement(answer, kept, material) for answer in answers]
@@ -135,7 +135,7 @@ def _doubted(answer: Answer, why: str) -> Answer:
     return dataclasses.replace(answer, probabilities=probabilities, verdict="unconfirmed", reason=reason)
 
 
-def _judgement(answer: Answer, held_out: "_HeldOut | None", material: Material) -> tuple[Verdict, str]:
+def _judgement(answer: Answer, held_out: "_Confirmation | None", material: Material) -> tuple[Verdict, str]:
     description, largest_cost = answer.candidate.what, (abs(answer.size) + COVERAGE * answer.error) * answer.cost
     if np.all(largest_cost < np.array(material)):
         return "negligible", f"{description} costs less than matters"
@@ -172,7 +172,7 @@ def _may_be_at_its_end(answer: Answer) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class _HeldOut:
+class _Confirmation:
     """Held-out logs: their statistics without and with the named effects in the model. Log-likelihood ratios are
     natural logarithms, beyond what robots in good order show.
 

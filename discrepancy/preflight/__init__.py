@@ -17,7 +17,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.preflight.checks import dead_columns, listed, mistakes_in, remarks, stops
 from discrepancy.preflight.likelihood import USUAL, Misfit, WiringLikelihood
-from discrepancy.preflight.search import Candidate, search
+from discrepancy.preflight.search import Explanation, search
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
 
@@ -110,7 +110,7 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
     return Preflight(tuple(mistakes), tuple(reported), slid)
 
 
-def _mistakes(nominal: Misfit, best: Candidate, alike: Sequence[Candidate]) -> Iterator[Mistake]:
+def _mistakes(nominal: Misfit, best: Explanation, alike: Sequence[Explanation]) -> Iterator[Mistake]:
     """Yield the mistakes found; of a combination each mistake separately."""
     misfit, turn = best.misfit, best.misfit.turn
     evidence = f"{_contradiction(nominal)}, and once this is undone {_parts(misfit)}"
@@ -128,8 +128,8 @@ def _mistakes(nominal: Misfit, best: Candidate, alike: Sequence[Candidate]) -> I
         )
 
 
-def _named(candidate: Candidate) -> str:
-    return " and ".join(mistake.what for mistake in candidate.mistakes)
+def _named(explanation: Explanation) -> str:
+    return " and ".join(mistake.what for mistake in explanation.mistakes)
 
 
 def _stopped(robot: RobotDescription, log: Log) -> Iterator[str]:
@@ -147,7 +147,7 @@ def _stopped(robot: RobotDescription, log: Log) -> Iterator[str]:
             )
 
 
-def _dead(robot: RobotDescription, logs: Sequence[Log], best: Candidate) -> Iterator[Mistake]:
+def _dead(robot: RobotDescription, logs: Sequence[Log], best: Explanation) -> Iterator[Mistake]:
     """Yield encoders whose counts never change although the others require that they do."""
     for column in sorted(dead := dead_columns(logs)):
         without = WiringLikelihood(robot, logs, dead - {column}).of(best.reading)
@@ -158,7 +158,7 @@ def _dead(robot: RobotDescription, logs: Sequence[Log], best: Candidate) -> Iter
             )
 
 
-def _poses_off(named: Sequence[tuple[str, Log]], likelihood: WiringLikelihood, best: Candidate) -> Iterator[str]:
+def _poses_off(named: Sequence[tuple[str, Log]], likelihood: WiringLikelihood, best: Explanation) -> Iterator[str]:
     """Yield the reference's jumps and outliers: where odometry misses a pose far more than elsewhere."""
     missed = list(likelihood.missed(best.reading))
     for number, (name, log) in enumerate(named):

@@ -44,10 +44,12 @@ REFERENCE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Hypothesis:
-    """A mistake. what: its name. reading: see above. remedy: what to do. effects: equivalent ones, if there are any.
-    gross: whether it is told here; false: it only competes, and what effects of the catalogue are there is looked for
-    later."""
+class Misreading:
+    """A mistake in how logs were read.
+
+    what: its name. reading: see above. remedy: what to do. effects: equivalent ones, if there are any. gross: whether
+    it is told here; false: it only competes, and what effects of the catalogue are there is looked for later.
+    """
 
     what: str
     reading: Array
@@ -97,7 +99,7 @@ class Table:
         for what, effects in self._effects():
             if effects:
                 remedy = effects[0].check[0].lower() + effects[0].check[1:].rstrip(".")
-                of_effects.append(Hypothesis(what, reading_of(robot, effects), remedy, tuple(effects)))
+                of_effects.append(Misreading(what, reading_of(robot, effects), remedy, tuple(effects)))
         self.wiring = [mistake for mistake in of_effects if len(mistake.effects) == 1 and mistake.effects[0].wiring]
         self.all = [*of_effects, *self._exchanged(), *self._units()]
 
@@ -107,7 +109,7 @@ class Table:
         reading[list(columns), list(columns)] = factor
         return reading
 
-    def scaled(self, columns: tuple[int, ...], factor: float, gross: bool) -> Hypothesis:
+    def scaled(self, columns: tuple[int, ...], factor: float, gross: bool) -> Misreading:
         """Return the mistake that encoders give `factor` times the counts per turn in the robot file."""
         effects: tuple[Effect, ...] = ()
         if columns[0] < self.pivots:
@@ -121,14 +123,14 @@ class Table:
             with contextlib.suppress(ValidationError):  # of a factor beyond what such an effect can be
                 effects = tuple(dataclasses.replace(counts[k - self.pivots], value=factor - 1) for k in columns)
         what = f"the counts of {self.places[columns]} are {factor:.3g} times what {key} says"
-        return Hypothesis(what, self.multiplied(columns, factor), remedy, effects, gross)
+        return Misreading(what, self.multiplied(columns, factor), remedy, effects, gross)
 
-    def turned(self, pivot: int, angle: float) -> Hypothesis:
+    def turned(self, pivot: int, angle: float) -> Misreading:
         """Return that a pivot's zero, of the encoder in this column, is off by an angle, rad."""
         castor = int(self._channels.sensed[pivot]) + 1
         effect = PivotBias(castor=castor, value=angle)
         what = f"the zero of pivot_{castor} is off by {angle:.2g} rad"
-        return Hypothesis(what, reading_of(self._robot, [effect]), "", (effect,), gross=False)
+        return Misreading(what, reading_of(self._robot, [effect]), "", (effect,), gross=False)
 
     def _effects(self) -> Iterator[tuple[str, Sequence[Effect]]]:
         """Yield mistakes and the effects that make them: at one place, then the same at many, if there are any."""
@@ -164,26 +166,26 @@ class Table:
                 yield f"pivot_{bias.castor} reads {name} too much", [bias]
             yield f"all pivots read {name} too much", turned
 
-    def _exchanged(self) -> Iterator[Hypothesis]:
+    def _exchanged(self) -> Iterator[Misreading]:
         """Yield exchanges of two wheels' or two pivots' encoders, or those of all wheels of two castors."""
         for (first, name), (second, other) in combinations(self.places.items(), 2):
             if len(first) == len(second) and (first[0] < self.pivots) == (second[0] < self.pivots):
                 reading = self.nominal.copy()
                 reading[[*first, *second]] = self.nominal[[*second, *first]]
                 remedy = "turn one wheel or castor by hand and see which counts change; exchange the columns"
-                yield Hypothesis(f"{name} and {other} are exchanged", reading, remedy)
+                yield Misreading(f"{name} and {other} are exchanged", reading, remedy)
 
-    def _units(self) -> Iterator[Hypothesis]:
+    def _units(self) -> Iterator[Misreading]:
         """Yield encoders that do not give counts, and references in other units or axes."""
         kinds = self._kinds | {" and ".join(self._kinds): np.concatenate(list(self._kinds.values()))}
         for unit, turn in UNITS.items():
             for name, columns in kinds.items():
                 reading = self.multiplied(columns.tolist(), turn / self._channels.per_rev[columns])
                 remedy = f"give counts: multiply by counts a turn over {turn:.5g}"
-                yield Hypothesis(f"{name} are given in {unit}, not in counts", reading, remedy)
+                yield Misreading(f"{name} are given in {unit}, not in counts", reading, remedy)
         for what, remedy, by in REFERENCE:
             columns = [{"x": -4, "y": -3, "psi": -2}[part] for part in by]
-            yield Hypothesis(what, self.multiplied(columns, np.array(list(by.values()))), remedy)
+            yield Misreading(what, self.multiplied(columns, np.array(list(by.values()))), remedy)
 
 
 def _exchanges(shown: Sequence[int], order: Sequence[int]) -> Iterator[CastorOrder]:

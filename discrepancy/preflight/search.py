@@ -12,11 +12,11 @@ from scipy.optimize import minimize_scalar
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.calibrated import LOG_ODDS
-from discrepancy.preflight.hypotheses import Hypothesis, Table
+from discrepancy.preflight.hypotheses import Misreading, Table
 from discrepancy.preflight.likelihood import Misfit, WiringLikelihood
 
 ALIKE = math.log(2)
-"""Candidates at least half as likely as the best are reported with it."""
+"""Explanations at least half as likely as the best are reported with it."""
 
 GROSS, LARGEST = math.log(1.5), math.log(1e3)
 """Logarithms of factors of counts per turn: smaller ones are no gross mistake, larger ones are not tried."""
@@ -30,10 +30,10 @@ MOST_TURNED = math.pi / 4
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class Explanation:
     """Mistakes together, the reading of the log with them, and the misfit that remains."""
 
-    mistakes: tuple[Hypothesis, ...]
+    mistakes: tuple[Misreading, ...]
     reading: Array
     misfit: Misfit
 
@@ -43,8 +43,8 @@ class Candidate:
         return self.misfit.cost + LOG_ODDS * (len(self.mistakes) + (self.misfit.turn != 0))
 
 
-def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candidate, Candidate, list[Candidate]]:
-    """Return the log read as it is, the most likely candidate, which may be the same, and others about as likely; or,
+def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Explanation, Explanation, list[Explanation]]:
+    """Return the log read as it is, the most likely explanation, which may be the same, and others about as likely; or,
     where it is the same, the mistake that leaves least, if it explains the log better.
 
     One mistake of wiring after another is added, until none makes the log likelier; two at least, as they may mask each
@@ -52,22 +52,22 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
     wheels' counts per turn, which take longest; if such an error is about as likely as any mistake, none is returned.
     """
     table = Table(robot)
-    nominal = Candidate((), table.nominal, likelihood.of(table.nominal))
+    nominal = Explanation((), table.nominal, likelihood.of(table.nominal))
     found = {table.nominal.tobytes(): nominal}
 
-    def extended(starts: Iterable[Candidate], mistakes: Iterable[Hypothesis]) -> list[Candidate]:
-        """Return candidates with a mistake more, and note them."""
+    def extended(starts: Iterable[Explanation], mistakes: Iterable[Misreading]) -> list[Explanation]:
+        """Return explanations with a mistake more, and note them."""
         known = len(found)
         for start, mistake in ((start, mistake) for start in starts for mistake in mistakes):
             made, reading = (*start.mistakes, mistake), mistake.reading @ start.reading
             key = (np.round(reading, 9) + 0.0).tobytes()  # a zero has no sign
             same = found.get(key)
             if same is None or _size(made) < _size(same.mistakes):
-                found[key] = Candidate(made, reading, same.misfit if same else likelihood.of(reading))
+                found[key] = Explanation(made, reading, same.misfit if same else likelihood.of(reading))
         return list(found.values())[known:]
 
-    def best() -> Candidate:
-        return min(found.values(), key=lambda candidate: round(candidate.cost, 1))  # the first of those alike
+    def best() -> Explanation:
+        return min(found.values(), key=lambda each: round(each.cost, 1))  # the first of those alike
 
     if nominal.cost < LOG_ODDS:
         return nominal, nominal, []
@@ -76,9 +76,9 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
     for depth in count(2):
         if best().misfit.cost < LOG_ODDS or (depth > 2 and best() not in level):
             break
-        level.sort(key=lambda candidate: candidate.cost)
+        level.sort(key=lambda each: each.cost)
         likeliest, others = np.split(np.array(level), [len(robot.wheels)])
-        masked = [candidate for candidate in others if depth == 2 and candidate.mistakes[0] in table.wiring]
+        masked = [each for each in others if depth == 2 and each.mistakes[0] in table.wiring]
         level = extended([*likeliest, *masked], table.wiring)
     if best().misfit.cost > LOG_ODDS:
         extended([nominal], [_scaled(table, likelihood, of) for of in pivots])
@@ -88,18 +88,18 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Candi
     near = [each for each in found.values() if each.mistakes and each.cost < chosen.cost + ALIKE]
     small = any(not mistake.gross for each in near for mistake in each.mistakes)
     if small or (chosen is nominal and not nominal.misfit.turn):
-        least = min(found.values(), key=lambda candidate: candidate.cost if candidate.mistakes else math.inf)
+        least = min(found.values(), key=lambda each: each.cost if each.mistakes else math.inf)
         return nominal, nominal, [least] if least.misfit.cost < nominal.misfit.cost - ALIKE else []
     turned = bool(chosen.misfit.turn)
     return nominal, chosen, [each for each in near if each is not chosen and (turned or not each.misfit.turn)]
 
 
-def _size(mistakes: Iterable[Hypothesis]) -> int:
+def _size(mistakes: Iterable[Misreading]) -> int:
     """Return how many single mistakes there are."""
     return sum(len(mistake.effects) or 1 for mistake in mistakes)
 
 
-def _turned(table: Table, likelihood: WiringLikelihood, pivot: int) -> Hypothesis:
+def _turned(table: Table, likelihood: WiringLikelihood, pivot: int) -> Misreading:
     """Return the likeliest small error of a pivot's zero."""
 
     def cost(angle: float) -> float:
@@ -111,7 +111,7 @@ def _turned(table: Table, likelihood: WiringLikelihood, pivot: int) -> Hypothesi
     return table.turned(pivot, float(best.x))
 
 
-def _scaled(table: Table, likelihood: WiringLikelihood, columns: tuple[int, ...], *, gross: bool = True) -> Hypothesis:
+def _scaled(table: Table, likelihood: WiringLikelihood, columns: tuple[int, ...], *, gross: bool = True) -> Misreading:
     """Return the likeliest factor, gross or small, on the counts of these encoders, rounded where that is about as
     likely."""
 

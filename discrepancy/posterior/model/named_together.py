@@ -31,8 +31,9 @@ from discrepancy.posterior.priors import directions_in_model, parts_about_fitted
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 
-LOOKS = 6
-"""Most rounds in which the posterior of all candidates is computed beside the effects named before."""
+MOST_SEARCHES = 6
+"""Most rounds in which the posterior of all candidates is computed beside the effects named before, and most times
+that a search begins anew."""
 
 BESIDE = 2
 """Number of likeliest effects, beside those in the model, that are fitted while the noise is estimated: until it is in
@@ -92,7 +93,7 @@ def named_together(
             families = families_of(new)
             if families not in tried:
                 break
-        if len(tried) > LOOKS:
+        if len(tried) > MOST_SEARCHES:
             return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)
         if families not in tried:
             tried.append(families)
@@ -170,7 +171,7 @@ def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> A
         amplitudes=effect.amplitudes,
         covariance=_covariance(effect, seen),
         cost=np.max(seen.cost[:, seen.columns[seen.candidates.index(effect.candidate)]], axis=1),
-        hidden=seen.masked,
+        masked=seen.masked,
         explained=2 * gain,
     )
 

@@ -26,7 +26,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.posterior import finder
 from discrepancy.posterior.finder import diagnose
-from discrepancy.posterior.model.named_together import LOOKS
+from discrepancy.posterior.model.named_together import MOST_SEARCHES
 from discrepancy.posterior.verdicts import Material
 from discrepancy.preflight.undo import Undone
 from discrepancy.trials.cases import motion
@@ -329,7 +329,7 @@ def test_a_search_ends_though_logs_show_something_else_each_time(monkeypatch):
         setattr(search, name, lambda *_: None)
     search.with_events = lambda: ()
     finder._Search.run(search)
-    assert rounds == list(range(LOOKS))
+    assert rounds == list(range(MOST_SEARCHES))
 
 
 def test_a_straight_drive_at_constant_speed_is_no_discrepancy():
