@@ -10,26 +10,16 @@ from discrepancy.hypotheses.candidates import without
 from discrepancy.posterior.finder import RobotDiagnosis, diagnose, unexamined
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.verdicts import MATERIAL, Material
-from discrepancy.preflight import Mistake
 from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined, Fit, Replays
 from discrepancy.validation.replay import Replay, joined, replay
 
 
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
-def posterior_of(
-    robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
-) -> tuple[tuple[Mistake, ...], RobotDiagnosis]:
-    """Return the gross mistakes in logs, and what logs without these say by `posterior.finder.diagnose`."""
-    undone = Undone(robot, logs, held_out, clean)
-    return undone.checked.mistakes, diagnosed(undone, material)
-
-
-@threadpool_limits.wrap(limits=1)
 def examine(
     robot: RobotDescription, logs: Logs, held_out: Logs, clean: Logs, material: Material = MATERIAL
 ) -> Examined:
-    """Return the diagnosis of a robot by logs with their names, as `posterior_of`, with all that its report holds.
+    """Return the diagnosis of a robot by logs with their names, as `diagnosed`, with all that its report holds.
 
     Residuals with the named effects are those of the robot file that is written, linearised afresh from the logs.
     """

@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from castor_envs.effects.train import DeadGauge, GaugeNoise, SensorStops
-from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import SHOWN, Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
-from discrepancy.posterior.model.refit import Sized
+from discrepancy.posterior.model.refit import Sized, fit_with
 from discrepancy.posterior.variances.jitter import SIZES, held_out_log_odds, weighed
 from discrepancy.trains.candidates import Candidate
 from discrepancy.trains.linearise import Linearised, cost_of_noise
@@ -34,13 +33,18 @@ def with_dead_gauges(
     names: number of possible answers, all of the same prior probability.
     """
     judged: dict[Cause, Answer] = {}
+
+    def log_evidence(effects: Sequence[Sized]) -> float:
+        fitted = fit_with(seen.train, look, tuple(effects), seen)
+        return -np.inf if fitted is None else fitted.log_evidence
+
     for answer in answers:
         (kind,) = answer.candidate.kinds or (None,)
         if not isinstance(kind, DeadGauge):
             judged[answer.candidate] = answer
             continue
         kept = [effect for effect in named if effect.candidate != answer.candidate]
-        without = seen.log_evidence if len(kept) == len(named) else _log_evidence(look, kept, seen)
+        without = seen.log_evidence if len(kept) == len(named) else log_evidence(kept)
         known = {effect.candidate for effect in kept}
         gauges = [
             candidate
@@ -48,7 +52,7 @@ def with_dead_gauges(
             for gauge in candidate.kinds
             if isinstance(gauge, DeadGauge) and gauge.frame == kind.frame and candidate not in known
         ]
-        evidences = [_log_evidence(look, [*kept, Sized(gauge, np.ones(1))], seen) for gauge in gauges]
+        evidences = [log_evidence([*kept, Sized(gauge, np.ones(1))]) for gauge in gauges]
         weights = np.array([without + np.log(NOTHING), *(np.array(evidences) + np.log1p(-NOTHING) - np.log(names))])
         nothing, *parts = np.exp(weights - np.logaddexp.reduce(weights)).tolist()
         likeliest = sorted(zip(parts, gauges, strict=True), key=lambda entry: -entry[0])
@@ -71,14 +75,6 @@ def with_dead_gauges(
             cost=seen.cost[:, seen.candidates.index(best)],
         )
     return list(judged.values())
-
-
-def _log_evidence(look: Callable[..., Linearised], named: Sequence[Sized], start: Linearised) -> float:
-    """Return the log evidence of logs with effects in the model; -inf where the fit fails."""
-    try:
-        return look(named, start, [effect.candidate for effect in named]).log_evidence
-    except InputError:
-        return -np.inf
 
 
 def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | None, names: int) -> list[Answer]:

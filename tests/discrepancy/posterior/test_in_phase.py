@@ -6,10 +6,11 @@ import pytest
 from castor_envs.effects.encoders import WheelEccentricity
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
-from discrepancy.diagnose import examine, posterior_of
+from discrepancy.diagnose import diagnosed, examine
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.other_logs import in_phase
+from discrepancy.preflight.undo import Undone
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("differential")
@@ -46,5 +47,5 @@ def test_an_eccentric_wheel_is_confirmed_by_a_run_that_starts_with_another_phase
 
 def test_an_eccentric_wheel_of_another_size_is_not_confirmed():
     straight = drive(ROBOT, wander(np.random.default_rng([4, 1]), duration=25.0, holonomic=False), 4, duration=25.0)
-    _, found = posterior_of(ROBOT, {"log": eccentric(0.4, 3)}, {"other": straight}, {})
+    found = diagnosed(Undone(ROBOT, {"log": eccentric(0.4, 3)}, {"other": straight}, {}))
     assert all(answer.verdict != "named" for answer in found.answers)

@@ -10,11 +10,12 @@ from castor_envs.effects.wiring import CastorOrder, EncoderReversed, EncodersSwa
 from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
-from discrepancy.diagnose import posterior_of
+from discrepancy.diagnose import diagnosed
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.preflight import preflight
 from discrepancy.preflight.hypotheses import Table
 from discrepancy.preflight.likelihood import WiringLikelihood
+from discrepancy.preflight.undo import Undone
 from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
 
@@ -81,8 +82,9 @@ def test_commands_may_be_in_any_unit_and_be_missing_at_times():
 
 def test_nothing_else_is_looked_for_where_wheels_slid_by_wrong_wiring():
     name, effect = WRONG[2]
-    mistakes, diagnosis = posterior_of(preset(name), {"log": driven(name, effect)}, {}, {})
-    assert [mistake.effects for mistake in mistakes] == [(effect,)]
-    assert "the commands by" in mistakes[0].what
-    assert diagnosis.answers == ()
+    undone = Undone(preset(name), {"log": driven(name, effect)}, {}, {})
+    (mistake,) = undone.checked.mistakes
+    assert mistake.effects == (effect,)
+    assert "the commands by" in mistake.what
+    assert diagnosed(undone).answers == ()
     assert any("record again" in remark for remark in preflight(preset(name), [driven(name, effect)]).remarks)

@@ -17,12 +17,13 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy import cli
-from discrepancy.diagnose import posterior_of
+from discrepancy.diagnose import diagnosed
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.posterior.answers import Learned
 from discrepancy.posterior.model.dimensions import Dimension
 from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.variances.learned import answer_of
+from discrepancy.preflight.undo import Undone
 from discrepancy.report import sentences
 from discrepancy.report.plain_data import answer_data, dimension_data
 from discrepancy.trials.pymunk_generator import drive
@@ -106,7 +107,7 @@ def test_the_folder_holds_page_data_and_the_robot_with_the_reported_gap(log, tmp
     assert 4 * after[0] < before[0]
     assert after[0] < np.sqrt(2) * USUAL.position  # the reference's noise along two axes, and nothing else
     assert data["replay"]["after"]["position_rms_mm"] < 0.5 * data["replay"]["before"]["position_rms_mm"]
-    _, again = posterior_of(written, {"log": read_log(log, written)}, {}, {})
+    again = diagnosed(Undone(written, {"log": read_log(log, written)}, {}, {}))
     assert again.before.gap == tuple(after)
     lines = text.splitlines()
     assert len(lines) <= 11

@@ -79,7 +79,7 @@ def test_probabilities_of_dead_gauges_are_those_of_fits(more):
     the answer by the linear formula is another."""
     gauges = tuple(Candidate.of(DeadGauge(frame=1, gauge=k), cfmmr(2)) for k in (1, 2, 3, 4))
     evidence = dict(zip(gauges, (more - 3, more, -50.0, -60.0), strict=True))
-    seen: Any = SimpleNamespace(candidates=gauges, cost=np.ones((2, 4)), log_evidence=0.0)
+    seen: Any = SimpleNamespace(train=cfmmr(2), candidates=gauges, cost=np.ones((2, 4)), log_evidence=0.0)
     linear = Answer.judged_apart(gauges[3], 0.9, 1.0, 0.0, np.ones(2))
 
     def look(named, *_) -> Any:
