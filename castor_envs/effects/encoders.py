@@ -165,13 +165,15 @@ class PivotBacklash(Effect[RobotDescription]):
     def sensor_model(self, robot: RobotDescription) -> SensorModel:
         """Return a model that follows theta at half the backlash."""
         channel = pivot_channel(robot, self.castor, self.name)
-        return on_channels(robot, [channel], sample_by_sample(partial(self._follow, [])))
+        return on_channels(robot, [channel], partial(self._follow, []))
 
-    def _follow(self, before: list[Array], t: float, angle: Array) -> Array:
-        """Return what is read of theta (1,), rad; before: what was read last."""
-        half = self.value / 2
-        before[:] = [np.clip(before[0], angle - half, angle + half) if before else angle]
-        return before[0]
+    def _follow(self, before: list[float], t: Array, theta: Array) -> Array:
+        """Return what is read of theta (k, 1), rad; before: what was read last, where anything was."""
+        half, read = self.value / 2, []
+        for angle in theta[:, 0].tolist():
+            before[:] = [min(max(before[0], angle - half), angle + half) if before else angle]
+            read += before
+        return np.array(read).reshape(theta.shape)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
