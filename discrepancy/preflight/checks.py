@@ -28,6 +28,9 @@ SLOW = 0.05
 LONGEST_GAP = 86400.0
 """s: most between two samples, a day."""
 
+REPEATED = 5
+"""Poses that are the same as the one before, in succession, which no tracker measures of a robot that moves."""
+
 STOPPED = 20
 """Rows that an encoder may stand still at a log's end without being asked why."""
 
@@ -152,6 +155,27 @@ def _reference(log: Log) -> Iterator[str]:
     for part, edge in (("first", log.t[taken[0]] - log.t[0]), ("last", log.t[-1] - log.t[taken[-1]])):
         if edge > max(longest, 1.0):
             yield f"no reference poses in the {part} {edge:.3g} s"
+    yield from _repeated(log, taken)
+
+
+def _repeated(log: Log, taken: NDArray[np.intp]) -> Iterator[str]:
+    """Yield where the reference repeats a pose while wheels turn; taken: the rows with a pose."""
+    assert log.reference is not None
+    moved, turning = ((np.diff(of[taken], axis=0) != 0).any(axis=1) for of in (log.reference, _counts(log)))
+    again = ~moved & turning
+    if 2 * np.count_nonzero(again) >= len(again):
+        each = len(again) / max(len(again) - np.count_nonzero(again), 1)
+        yield f"the reference stands in about {each:.2g} rows with each pose while wheels turn: leave it out in the others"
+        return
+    edges = np.flatnonzero(np.diff(again, prepend=False, append=False))
+    held = [(first, last) for first, last in edges.reshape(-1, 2).tolist() if last - first >= REPEATED]
+    if held:
+        places = [
+            f"for {log.t[taken[last]] - log.t[taken[first]]:.3g} s after row {taken[first] + 1} "
+            f"(t {log.t[taken[first]]:.6g} s)"
+            for first, last in held
+        ]
+        yield f"the reference repeats a pose while wheels turn {_often(len(held))}: {listed(places)}; leave these out"
 
 
 def _gaps(t: Array, rows: NDArray[np.intp]) -> list[str]:

@@ -350,6 +350,20 @@ def test_gaps_dropouts_and_jumps_are_remarks_with_their_rows():
     assert "the reference jumps" in told
 
 
+def test_a_reference_that_repeats_poses_while_wheels_turn_is_remarked():
+    log = log_of(ASOC, poses=False)
+    pose = motion(ASOC).pose[: len(log)] + 0.0
+    assert not any(
+        "the reference" in remark for remark in preflight(ASOC, [dataclasses.replace(log, reference=pose)]).remarks
+    )
+    held, frozen = pose[np.arange(len(pose)) // 4 * 4], pose.copy()
+    frozen[100:141] = pose[100]
+    said = [preflight(ASOC, [dataclasses.replace(log, reference=of)]).remarks for of in (held, frozen)]
+    assert "log: the reference stands in about 4 rows with each pose" in "".join(said[0])
+    place = f"repeats a pose while wheels turn once: for 2 s after row 101 (t {log.t[100]:.6g} s)"
+    assert place in "".join(said[1])
+
+
 def test_counts_that_need_not_be_whole_are_not_remarked():
     """Of pivots whose counts a turn are not whole, as recorded; and of angles and metres, as imported."""
     castors = [dataclasses.replace(castor, pivot_counts_per_rev=4095.7) for castor in ASOC.castors]
