@@ -165,7 +165,7 @@ def _repeated(log: Log, taken: NDArray[np.intp]) -> Iterator[str]:
     again = ~moved & turning
     if 2 * np.count_nonzero(again) >= len(again):
         each = len(again) / max(len(again) - np.count_nonzero(again), 1)
-        yield f"the reference stands in about {each:.2g} rows with each pose while wheels turn: leave it out in the others"
+        yield f"the reference stands in {each:.2g} rows or so with each pose while wheels turn: give it once"
         return
     edges = np.flatnonzero(np.diff(again, prepend=False, append=False))
     held = [(first, last) for first, last in edges.reshape(-1, 2).tolist() if last - first >= REPEATED]
