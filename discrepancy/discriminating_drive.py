@@ -55,11 +55,13 @@ def separating_drives(
     """
     best: list[SeparatingDrive | None] = [None] * len(answers)
     asked = {k: likely for k, answer in enumerate(answers) if len(likely := _likely(answer, seen)) > 1}
+    if not asked:
+        return best
     poses: Poses = "none" if seen.gap is None else "all"
     effects = [candidate for candidate in seen.candidates if candidate.kinds]
     order = order_of(seen, None)
     known = order.beyond(seen.logs).information
-    for drive in _new_drives(robot, seen) if asked else ():
+    for drive in _new_drives(robot, seen):
         try:
             new = linearise(robot, [log_of(robot, drive, poses)], among=effects).at_noise(seen.noise)
         except (InputError, np.linalg.LinAlgError):  # the robot cannot drive it, or it shows nothing
