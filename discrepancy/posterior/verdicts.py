@@ -89,7 +89,7 @@ def by_all_logs(inclusion: Mapping[str, float], before: Sequence[Answer], after:
 
 def weakest(verdicts: Iterable[Verdict]) -> Verdict:
     """Return the verdict of several together: the weakest of them, or "no discrepancy" if there is none."""
-    return min(verdicts, key=WEAKEST_FIRST.index, default="no discrepancy")
+    return min(verdicts, key=WEAKEST_FIRST.index, default=WEAKEST_FIRST[-1])
 
 
 def gap_shrinks(before: Seen, after: Seen, material: Material) -> bool:

@@ -81,10 +81,14 @@ class Linearised:
         """All of the log evidence: axles that disagree are a part of the motion."""
         return self.log_evidence
 
-    @cached_property
+    @property
     def gap(self) -> tuple[float, float] | None:
         """Error of the train's localisation by counts and relative poses within `HORIZON` against the reference, m and
         rad (rms); None without a reference, or where there is no solution."""
+        return self._gap
+
+    @cached_property
+    def _gap(self) -> tuple[float, float] | None:
         built, poses = self.train.as_built(), [np.zeros((0, 3))]
         try:
             counts = [log.without_reference() for log in self.train_logs]
