@@ -60,6 +60,11 @@ class Entry:
     spec: str | None = None
 
     @property
+    def costs(self) -> tuple[float, float] | tuple[None, None]:
+        """CPU time of an update, microseconds, the mean and the worst; None where they are not known."""
+        return (None, None) if self.cost is None else (self.cost.mean, self.cost.worst)
+
+    @property
     def shown(self) -> str:
         """Its name for tables, with the number of its cases where it lacks some: its means are of these alone."""
         if not self.lacking:

@@ -9,6 +9,7 @@ from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.references import CEILING, FLOOR
 from benchmarks.results.rows import DECLINED, older_rows
+from castor_envs.errors import shortened
 
 
 def say(console: Console, text: str) -> None:
@@ -60,6 +61,7 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
 def general_notes(leaderboard: Leaderboard) -> list[str]:
     """Return the notes on a whole folder of results: what is not shown, and why."""
     notes = [f"not shown: rows of {task} version {version}" for task, version in leaderboard.other_versions]
+    notes += _unrepeated(leaderboard)
     if leaderboard.older_formats:
         remedy = "are not shown; run the tasks again, or remove the folder"
         notes.append(older_rows(leaderboard.older_formats, leaderboard.folder, remedy))
@@ -71,6 +73,20 @@ def general_notes(leaderboard: Leaderboard) -> list[str]:
         listed = _listed(leaderboard.refused_episodes)
         notes.append(f"episodes refused: {listed}; castor-bench run records them again")
     return notes
+
+
+def _unrepeated(leaderboard: Leaderboard) -> list[str]:
+    """Return which estimators gave other poses when they followed a log again, in which tasks."""
+    tasks: dict[str, list[str]] = {}
+    for board in leaderboard.boards:
+        for entry in board.entries:
+            if entry.cost is not None and not entry.cost.repeats:
+                tasks.setdefault(entry.estimator, []).append(board.task)
+    return [
+        f"{estimator}: poses differ between two passes over the same log ({shortened(', '.join(names))}): it keeps "
+        "state between episodes, or draws random numbers without a seed; castor-bench check says more"
+        for estimator, names in tasks.items()
+    ]
 
 
 def _listed(refused: Sequence[CorruptFileError], shown: int = 3) -> str:

@@ -73,8 +73,9 @@ def _entry_json(entry: Entry) -> dict[str, Any]:
             BOARD_METRICS[name].key: {"mean": score.mean, "low": score.low, "high": score.high}
             for name, score in entry.scores.items()
         },
-        "mean_update_us": None if entry.cost is None else entry.cost.mean,
-        "worst_update_us": None if entry.cost is None else entry.cost.worst,
+        "mean_update_us": entry.costs[0],
+        "worst_update_us": entry.costs[1],
+        "poses_repeat": None if entry.cost is None else entry.cost.repeats,
         "cases_done": entry.done,
         "failed": [{"reason": failed.reason, "cases": list(failed.cases)} for failed in entry.failed],
         "lacking": list(entry.lacking),
@@ -117,9 +118,7 @@ def as_csv(leaderboard: Leaderboard) -> str:
             failed = sum(len(failure.cases) for failure in entry.failed) - declined
             outcomes = (len(board.cases), entry.done, failed, declined, len(entry.lacking))
             row = (board.group, board.task, board.version, entry.estimator, entry.source_hash, entry.rank)
-            writer.writerow(
-                (*row, board.metric.key, board.metric.unit, *numbers, *outcomes, *(entry.cost or (None, None)))
-            )
+            writer.writerow((*row, board.metric.key, board.metric.unit, *numbers, *outcomes, *entry.costs))
     return text.getvalue()
 
 
@@ -173,4 +172,4 @@ def _cells(entry: Entry, metrics: list[Metric], timed: bool) -> list[str]:
         cells.append(text)
     if not timed:
         return cells
-    return [*cells, *(["–", "–"] if entry.cost is None else [f"{cost:.1f}" for cost in entry.cost])]
+    return [*cells, *("–" if cost is None else f"{cost:.1f}" for cost in entry.costs)]

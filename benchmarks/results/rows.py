@@ -1,7 +1,7 @@
 """The results store: a file for each row, written whole, identified by everything that the row depends on.
 
     RESULTS/rows/<task>@<version>/<estimator>-<source hash>/<case>.npz    a row: metadata, scores, trajectories
-    RESULTS/rows/<task>@<version>/<estimator>-<source hash>/time.json     the CPU time of an update in this task
+    RESULTS/rows/<task>@<version>/<estimator>-<source hash>/time.json     cost of an update, whether poses repeat
     RESULTS/references/...                                                the same; see `references`
     RESULTS/rows/<task>@<version>/summary.json  what boards need of its rows; see `kept`
     RESULTS/rows/<task>@<version>/asked.json    which of them the last run asked for; see `asked`
@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field, fields
 from datetime import UTC
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +38,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.uncertainty import invalid
 
 ROW_FORMAT = "castor-row/2"
-TIME_FORMAT = "castor-time/3"
+TIME_FORMAT = "castor-time/4"
 SUMMARY_FORMAT = "castor-summary/2"
 DECLINED = "declined: "
 """Beginning of a row's failure where the estimator declined the robot; the estimator's reason follows."""
@@ -100,11 +100,15 @@ def refusal_of(failure: str | None) -> str | None:
     return failure.removeprefix(DECLINED) if failure is not None and failure.startswith(DECLINED) else None
 
 
-class UpdateCost(NamedTuple):
-    """CPU time of an update of a single vehicle, microseconds: the mean, and that of the most expensive update."""
+@dataclass(frozen=True)
+class UpdateCost:
+    """What following runs twice showed: CPU time of an update of a single vehicle, microseconds, the mean and that of
+    the most expensive update; and whether both passes gave the same poses.
+    """
 
     mean: float
     worst: float
+    repeats: bool = True
 
 
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -139,6 +143,7 @@ class _TimeMetadata:
     format: str
     mean_us: NonNegativeFloat
     worst_us: NonNegativeFloat
+    poses_repeat: bool
     origin: Origin
 
 
@@ -227,7 +232,9 @@ class ResultsStore:
         self, task: str, version: int, estimator: str, source_hash: str, cost: UpdateCost, origin: Origin
     ) -> None:
         """Store what an update costs."""
-        metadata = _TimeMetadata(format=TIME_FORMAT, mean_us=cost.mean, worst_us=cost.worst, origin=origin)
+        metadata = _TimeMetadata(
+            format=TIME_FORMAT, mean_us=cost.mean, worst_us=cost.worst, poses_repeat=cost.repeats, origin=origin
+        )
         path = self.folder(task, version, estimator, source_hash) / "time.json"
         write_json(path, _TIME_ADAPTER.dump_python(metadata, mode="json"))
 
@@ -237,7 +244,7 @@ class ResultsStore:
         try:
             text = path.read_text(encoding="utf-8")
             stored = checked(path, text, TIME_FORMAT, _TIME_ADAPTER)
-            return UpdateCost(stored.mean_us, stored.worst_us)
+            return UpdateCost(stored.mean_us, stored.worst_us, stored.poses_repeat)
         except (FileNotFoundError, OlderFormatError):
             return None
         except CorruptFileError as error:

@@ -92,8 +92,7 @@ def board_table(board: TaskBoard, link: Callable[[Entry], str | None] = lambda e
             if metric == board.metric:
                 cells.append(Cell(_limits(metric, score), "" if score is None else score.mean, bar=_bar(score, place)))
         if board.odometry is None:
-            costs = entry.cost or (None, None)
-            cells += [Cell("–") if cost is None else Cell(f"{cost:.1f}", cost) for cost in costs]
+            cells += [Cell("–") if cost is None else Cell(f"{cost:.1f}", cost) for cost in entry.costs]
         rows.append(tuple(cells))
     return Table(tuple(headings), tuple(rows), names=1)
 

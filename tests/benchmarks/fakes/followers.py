@@ -42,6 +42,24 @@ class Pretends(Follower):
         return super().update(observation).reshape(3)
 
 
+class Remembers(Single):
+    """Counts in its class how often it was reset, and believes wheels to be larger each time."""
+
+    resets = 0
+
+    def reset(self, robot, pose):
+        super().reset(robot, pose)
+        Remembers.resets += 1
+        self.roll = self.roll * (1 + 0.01 * Remembers.resets)
+
+
+class Guesses(Single):
+    """Adds noise that no seed fixes."""
+
+    def update(self, observation):
+        return super().update(observation) + np.random.default_rng().normal(0, 0.01, 3)
+
+
 class Pauses(Single):
     """Computes for a millisecond in every tenth update."""
 

@@ -175,7 +175,7 @@ def test_whatever_stands_in_a_row_it_is_read_or_refused(folder, fake_tasks, keys
 
 
 @pytest.mark.parametrize(
-    "text", ["", "[]", "{}", '{"format": "castor-time/3"}', "[" * 100_000, '{"format": 1e999}', "\x00"]
+    "text", ["", "[]", "{}", '{"format": "castor-time/4"}', "[" * 100_000, '{"format": 1e999}', "\x00"]
 )
 def test_a_time_that_cannot_be_read_is_refused(folder, fake_tasks, text):
     path = row_path(folder).with_name("time.json")

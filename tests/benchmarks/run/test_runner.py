@@ -7,6 +7,8 @@ import shutil
 import numpy as np
 import pytest
 
+from benchmarks.leaderboard.board import build
+from benchmarks.leaderboard.views import as_json, as_markdown
 from benchmarks.progress import SilentProgress
 from benchmarks.results import episodes
 from benchmarks.results.episodes import EpisodeStore
@@ -409,6 +411,22 @@ def test_a_copied_row_does_not_count_twice(tmp_path, fake_tasks, jobs_here):
     shutil.copy(row, row.with_name("0 (copy).npz"))
     shutil.copytree(row.parent, row.parent.with_name("copy"))
     assert len(list(ResultsStore(tmp_path).rows(task.name, task.version))) == 2
+
+
+@pytest.mark.parametrize(("name", "repeats"), [("Single", True), ("Remembers", False), ("Guesses", False)])
+def test_poses_that_two_passes_over_a_log_do_not_share_are_told_with_the_scores(
+    tmp_path, fake_tasks, plugin, jobs_here, name, repeats
+):
+    """Such scores depend on what ran before in a process, and so on the number of processes."""
+    task, entry = fake_tasks.Arcs(), load_estimator(plugin(f"followers:{name}"))
+    run([Assignment(task, (0,), (entry,))], tmp_path)
+    leaderboard = build([task], tmp_path)
+    (shown,) = leaderboard.boards[0].entries
+    assert shown.cost is not None
+    assert shown.cost.repeats == repeats
+    said = f"followers:{name}: poses differ between two passes over the same log (arcs)"
+    assert (said in as_markdown(leaderboard)) == (not repeats)
+    assert as_json(leaderboard)["tasks"][0]["entries"][0]["poses_repeat"] == repeats
 
 
 def test_the_worst_update_is_the_one_that_costs_every_time(fake_tasks, plugin):
