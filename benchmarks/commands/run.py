@@ -29,6 +29,7 @@ from benchmarks.results.rows import check_results_folder
 from benchmarks.run.choose import choose, declining_everything, failed_rows
 from benchmarks.run.clusters import connect
 from benchmarks.run.plan import run as run_plan
+from benchmarks.run.task_plugins import given_as
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs.cli import command_line
 from castor_envs.errors import InputError
@@ -97,17 +98,21 @@ def run(
         missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress, cluster)
     board = boards.build(choice.tasks, results, cases, missing, choice.left_out)
     detailed = len(choice.tasks) <= MOST_DETAILED
-    shown = [task.name for task in choice.tasks] if detailed else []
-    again = shlex.join(["castor-bench", "leaderboard", *shown, "--results", str(results)])
+    shown = [given_as(task) for task in choice.tasks] if detailed else []
     if detailed:
         print_leaderboard(board, console())
     else:
         print_overviews(board, console())
         print(DETAILS)
-    print(f"\nresults in {results}; show them again: {again}")
-    failures = [*failed_rows(choice.plan, board), *declining_everything(choice.named, board)]
+    if any(task.entries or task.declined for task in board.boards):
+        again = shlex.join(["castor-bench", "leaderboard", *shown, "--results", str(results)])
+        print(f"\nresults in {results}; show them again: {again}")
+    unrecorded = [f"cases of {given_as(task)} were not recorded" for task in choice.tasks if task.name in missing]
+    failures = [*unrecorded, *failed_rows(choice.plan, board), *declining_everything(choice.named, board)]
     if failures:
         unnamed = f", and {len(failures) - MOST_NAMED} more" if len(failures) > MOST_NAMED else ""
-        where = "the reasons are above" if detailed else "castor-bench leaderboard TASK shows the reasons"
+        where = (
+            "the reasons are above" if detailed else "the reasons are above, or shown by castor-bench leaderboard TASK"
+        )
         print(f"not all succeeded: {', '.join(failures[:MOST_NAMED])}{unnamed}; {where}", file=sys.stderr)
         raise typer.Exit(1)

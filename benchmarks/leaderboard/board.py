@@ -78,9 +78,10 @@ class TaskBoard:
     """The board of a task. of_train: it judges estimators of trains.
 
     ceiling and floor: the oracle, where the task has one, and standing still; they are no estimators and have no rank.
-    missing: why there are no results. declined: estimators that declined every case, with the reason. superseded:
-    estimators with the hash and number of rows of their older sources. odometry: on a board of calibration methods
-    (then the `estimator`s of its entries) the estimator that follows the calibrated robots; else None.
+    missing: why there are no results, or not of all cases. declined: estimators that declined every case, with the
+    reason. superseded: estimators with the hash and number of rows of their older sources. odometry: on a board of
+    calibration methods (then the `estimator`s of its entries) the estimator that follows the calibrated robots; else
+    None.
     """
 
     task: str
@@ -131,9 +132,10 @@ def build(
 ) -> Leaderboard:
     """Return the leaderboard of some tasks from a results folder.
 
-    cases: number of cases of each task to look at, from the first; None: all cases that have a row. missing: why tasks
-    could not be run, by name, in addition to the reasons that tasks state. left_out: estimators that a run left out, by
-    task. Of an estimator with several sources the one that a run asked for last is shown.
+    cases: number of cases of each task to look at, from the first; None: all cases that have a row. missing: why tasks,
+    or cases of them, could not be run, by name; the reasons that tasks state count where there are no results.
+    left_out: estimators that a run left out, by task. Of an estimator with several sources the one
+    that a run asked for last is shown.
     """
     store, episodes, refused_episodes = ResultsStore(results), EpisodeStore(results), []
     boards = []
@@ -142,12 +144,11 @@ def build(
         if cases is not None:
             chosen = set(task.cases(cases)) if task.missing is None else {row.case for row in rows}
             rows = [row for row in rows if row.case in chosen]
-        reason = (missing or {}).get(task.name) or task.missing
         recorded = _recorded(task, [row.case for row in rows], episodes, refused_episodes)
         references = sorted(reference_store(results).summaries(task.name, task.version), key=_by_case)
         left = (left_out or {}).get(task.name, ())
         last = asked(store.of_task(task.name, task.version))
-        boards.append(_board(task, rows, references, store, recorded, reason, last, left))
+        boards.append(_board(task, rows, references, store, recorded, (missing or {}).get(task.name), last, left))
     current = {task.name: task.version for task in tasks}
     other_versions = tuple(
         (name, version) for name, version in store.versions() if current.get(name, version) != version
@@ -252,7 +253,7 @@ def _board(
         cases=cases,
         entries=tuple(entries),
         declined=tuple(DeclinedEstimator(name, reason) for name, reason in sorted(declined.items())),
-        missing=missing if not entries else None,
+        missing=missing or (task.missing if not entries else None),
         superseded=tuple(superseded),
         odometry=odometry_of(task),
         ceiling=beside.get(CEILING),

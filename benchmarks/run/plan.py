@@ -3,9 +3,9 @@
 Only what is missing is computed, so the next run continues a run that was stopped in any way.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 
@@ -61,7 +61,7 @@ def run(
     progress: RunProgress | None = None,
     cluster: Cluster | None = None,
 ) -> dict[str, str]:
-    """Run what is missing of a plan into a results folder; returns why tasks could not be run, by name.
+    """Run what is missing of a plan into a results folder; returns why tasks, or cases of them, could not be run.
 
     timeout: s, for an estimator in one episode. A row that failed by a shorter time limit is tried again. cluster: what
     records and runs estimators instead of this machine's processes; what an update costs is measured here all the same.
@@ -93,7 +93,9 @@ class _Run:
         plan = [assignment for assignment in plan if assignment.task.name not in missing]
         needed = [(a.task, case) for a in plan for case in a.cases if self._to_record(a, case)]
         problems = record_missing(self.results, needed, self.processes, self.progress, self.cluster)
-        plan = [assignment for assignment in plan if assignment.task.name not in problems]
+        unrecorded = {a.task.name: _unrecorded(a, of) for a in plan if (of := problems.get(a.task.name))}
+        recorded = [replace(a, cases=tuple(c for c in a.cases if c not in problems.get(a.task.name, {}))) for a in plan]
+        plan = [assignment for assignment in recorded if assignment.cases]
         for assignment in plan:
             self._keep_asked(assignment)
         lacking = [self._lacking(assignment) for assignment in plan]
@@ -110,7 +112,7 @@ class _Run:
             self.progress.warn(f"{error}; it has been computed again")
         if self.rows.older_formats:
             self.progress.warn(older_rows(self.rows.older_formats, self.rows.root, "have been computed again"))
-        return {**missing, **problems}
+        return {**missing, **unrecorded}
 
     def _keep_asked(self, assignment: Assignment) -> None:
         """Keep which versions of estimators are asked for, so that boards show these, computed now or before."""
@@ -211,3 +213,10 @@ class _Run:
                 # Twice the time limit of an episode: each run is followed twice.
                 return Job(time_updates, arguments, (task, entry), 2 * self.timeout, owner_of(entry))
         return None
+
+
+def _unrecorded(assignment: Assignment, problems: Mapping[Case, str]) -> str:
+    """Return which part of a task's cases could not be recorded, and what is wrong with the first of these."""
+    some = len(problems) < len(assignment.cases)
+    part = f"{len(problems)} of {len(assignment.cases)} cases: " if some else ""
+    return part + next(problems[case] for case in assignment.cases if case in problems)

@@ -21,15 +21,15 @@ def record_missing(
     processes: int,
     progress: RunProgress,
     cluster: Cluster | None = None,
-) -> dict[str, str]:
-    """Record and store episodes; returns, by name, what is wrong with the input of tasks that could not be recorded.
+) -> dict[str, dict[Case, str]]:
+    """Record and store episodes; returns, by task, what is wrong with the input of cases that could not be recorded.
 
     On a cluster, but for tasks on measured data, which are on this machine.
 
     Raises RuntimeError, with the traceback, if a task fails otherwise.
     """
     needed = list(needed)
-    problems: dict[str, str] = {}
+    problems: dict[str, dict[Case, str]] = {}
     progress.start("recording episodes", len(needed))
     sent = [one for one in needed if cluster is not None and getattr(one[0], "data", None) is None]
     here = [one for one in needed if one not in sent]
@@ -44,7 +44,7 @@ def record_missing(
                     case Done(None):
                         pass
                     case Done(str(problem)):
-                        problems.setdefault(task.name, problem)
+                        problems.setdefault(task.name, {})[case] = problem
                     case Done(dict(files)):
                         for name, content in files.items():
                             write_atomically(results / name, content)

@@ -24,13 +24,13 @@ _NAME = re.compile(r"[a-z0-9]+(-[a-z0-9]+)*")
 
 
 class PluggedTask:
-    """A task of others: what its class says, under a name that changes with its source.
+    """A task of others: what its class says, under a name that changes with its source. spec: what commands take.
 
     Pickles as its spec and source, so that a worker process loads it by itself.
     """
 
     def __init__(self, spec: str, source_hash: str, task: Any) -> None:
-        self._spec, self._source_hash, self._task = spec, source_hash, task
+        self.spec, self._source_hash, self._task = spec, source_hash, task
         self.name = f"{task.name}[{source_hash}]"
 
     def __getattr__(self, name: str) -> Any:
@@ -42,7 +42,7 @@ class PluggedTask:
 
     def record(self, case: Case) -> Episode:
         """Return the episode of a case; raises InputError for whatever the task raises, and for what is no episode."""
-        place = f"task {self._spec!r}, case {case!r}"
+        place = f"task {self.spec!r}, case {case!r}"
         try:
             episode = self._task.record(case)
         except InputError:
@@ -57,12 +57,17 @@ class PluggedTask:
         return episode
 
     def __reduce__(self) -> tuple[Any, tuple[str, str]]:
-        return _again, (self._spec, self._source_hash)
+        return _again, (self.spec, self._source_hash)
 
 
 def is_plugged(name: str) -> bool:
     """Return whether the name of a task is that of a class of others, ``file.py[:Class]`` or ``module:Class``."""
     return name.endswith(".py") or ":" in name
+
+
+def given_as(task: Task) -> str:
+    """Return what names a task in a command: its spec or its name."""
+    return task.spec if isinstance(task, PluggedTask) else task.name
 
 
 def load_task(spec: str) -> PluggedTask:

@@ -299,6 +299,15 @@ def test_a_task_without_its_data_is_left_out(tmp_path, fake_tasks, plugin, jobs_
     assert ResultsStore(tmp_path).versions() == [("arcs", 1)]
 
 
+def test_a_case_with_bad_input_costs_the_other_cases_nothing(tmp_path, fake_tasks, plugin, jobs_here):
+    task, entry = fake_tasks.BadInput(bad=(1,)), load_estimator(plugin("followers:Follower"))
+    missing = run([Assignment(task, (0, 1, 2), (entry,))], tmp_path)
+    assert missing == {"bad-input": "1 of 3 cases: run-01.csv, line 3: not a number"}
+    assert sorted(row.case for row in ResultsStore(tmp_path).rows(task.name, 1)) == [0, 2]
+    (board,) = build([task], tmp_path, missing=missing).boards
+    assert (board.missing, board.cases) == (missing["bad-input"], (0, 2))
+
+
 def test_a_task_with_a_bug_is_distinguished_from_bad_input(tmp_path, fake_tasks, plugin, jobs_here):
     entry = load_estimator(plugin("followers:Follower"))
     with pytest.raises(RuntimeError, match=r"(?s)task broken, case 0.*ZeroDivisionError: a bug"):

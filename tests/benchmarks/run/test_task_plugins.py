@@ -3,6 +3,7 @@
 import json
 import pickle
 import re
+import shlex
 import sys
 from pathlib import Path
 
@@ -52,6 +53,28 @@ def test_the_example_is_run_and_has_a_board_of_its_own(call):
     # The robot turns away from the side of the wheel that is taken for too large: y = (0.01 / 2b) x^2 and its rms.
     bend = 0.01 / (2 * load_task("my_task.py").true.castors[0].wheels[0].lateral)
     assert entry["scores"]["ate_m"]["mean"] == pytest.approx(bend * 16 / 2 / 5**0.5, rel=0.1)
+
+
+def test_cases_that_cannot_be_recorded_are_told_and_the_others_are_scored(call):
+    Path("my_task.py").write_text(CORRIDOR.replace("        t = 0.05 *", "        t = 0.05 / (case != 1) *"))
+    code, out, err = call("run", "--task", "my_task.py", "--estimator", "dead-reckoning", "--cases", 3, "--jobs", 1)
+    assert code == 1, (out, err)
+    assert "not run: 1 of 3 cases: task 'my_task.py', case 1: record raises ZeroDivisionError" in out
+    assert "mean over 2 cases" in out
+    assert "cases of my_task.py were not recorded" in err.splitlines()[-1]
+    advised = out.splitlines()[-1].partition("show them again: castor-bench ")[2]
+    code, again, _ = call(*shlex.split(advised))
+    assert code == 0
+    assert "mean over 2 cases" in again
+
+
+def test_a_task_of_which_no_case_can_be_recorded_has_no_results_to_show(call):
+    Path("my_task.py").write_text(CORRIDOR.replace("        t = 0.05 *", "        t = 1 / 0 *"))
+    code, out, err = call("run", "--task", "my_task.py", "--estimator", "dead-reckoning", "--cases", 2, "--jobs", 1)
+    assert code == 1, (out, err)
+    assert "not run: task 'my_task.py', case 0: record raises ZeroDivisionError" in out
+    assert "cases of my_task.py were not recorded" in err
+    assert "show them again" not in out
 
 
 def test_an_edited_task_has_another_board_and_is_not_believed_in_a_run():
