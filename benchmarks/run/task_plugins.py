@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, cast
 
+from benchmarks.results.episodes import file_name
 from benchmarks.run.check import load_apart
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task
@@ -39,6 +40,18 @@ class PluggedTask:
         if name in DEFAULTS:
             return getattr(self._task, name, DEFAULTS[name])
         return getattr(self._task, name)
+
+    def cases(self, n: int | None = None) -> Sequence[Case]:
+        """Return the first n cases, None: all; raises InputError for what is no case or has a name that no file has."""
+        cases = self._task.cases() if n is None else self._task.cases(n)
+        for case in cases:
+            try:
+                if not (isinstance(case, str) or (type(case) is int and case >= 0)):
+                    raise ValueError(f"case {case!r}: give an int from 0 on, or a name")
+                file_name(case)
+            except ValueError as error:
+                raise InputError(f"task {self.spec!r}: {error}") from None
+        return cases
 
     def record(self, case: Case) -> Episode:
         """Return the episode of a case; raises InputError for whatever the task raises, and for what is no episode."""
@@ -80,12 +93,14 @@ def load_task(spec: str) -> PluggedTask:
             without = f"class {found.kind.__name__} has no {' and no '.join(lacking)}"
             raise InputError(f"{place}: {without} (`help(benchmarks.tasks.task.Task)` says what each is)")
         _check(task, place)
+        plugged = PluggedTask(spec, found.source_hash, task)
+        plugged.cases()
     except InputError:
         raise
     except Exception as error:
         failed = f"class {found.kind.__name__} cannot be made without arguments, or asked what it is"
         raise InputError(f"{place}: {failed} ({one_line(error)})") from None
-    return PluggedTask(spec, found.source_hash, task)
+    return plugged
 
 
 def with_plugged(tasks: Sequence[Task], names: Sequence[str], timeout: float) -> tuple[tuple[Task, ...], list[str]]:

@@ -101,6 +101,9 @@ def test_an_edited_task_has_another_board_and_is_not_believed_in_a_run():
         ("def __init__(self):", "def __init__(self, length):", "cannot be made without arguments"),
         ("self.true, self.robot =", "self.true, self.robots =", "has no robot"),
         ("range(8 if n is None else n)", "range(0)", r"cases\(1\) returns"),
+        ("range(8 if n is None else n)", '["1", "c d"][:n]', "case 'c d': use letters, digits and _ . - only"),
+        ("range(8 if n is None else n)", "[1.5, 2.5][:n]", r"case 1\.5: give an int from 0 on, or a name"),
+        ("range(8 if n is None else n)", "[3, -1][:n]", "case -1: give an int from 0 on, or a name"),
         ("import dataclasses", "import dataclass", "cannot be imported, line 3"),
     ],
 )
