@@ -10,6 +10,7 @@ from castor_envs.envs.actions import finite
 from castor_envs.envs.base import RobotEnv
 from castor_envs.floor import Floor
 from castor_envs.motion.controllers import Commands, KinematicController
+from castor_envs.motion.mobility import check_fast_enough
 from castor_envs.motion.trajectories import Corners, Direction, umbmark
 from castor_envs.sensors.observation import Observation
 from castor_envs.vehicles.robot import RobotDescription
@@ -63,8 +64,9 @@ class UMBmarkEnv(RobotEnv):
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`; `env.unwrapped.robot` is
       what an estimator may know
     - `direction`: "ccw" or "cw"; `corners`: "turn", "fixed" (heading) or "rounded"
-    - `side` (m), `speed` (m/s), `acceleration` (m/s2), `turn_speed` (rad/s), `turn_acceleration` (rad/s2)
-    - `floor`: a `Floor` or the path of a floor file
+    - `side` (m), `speed` (m/s), `acceleration` (m/s2), `turn_speed` (rad/s), `turn_acceleration` (rad/s2); speeds that
+      the wheels' motors do not reach are refused with the largest ones possible
+    - `floor`: a `Floor`, "slippery", or the path of a floor file
 
     ## Version History
     * v0: first version
@@ -96,6 +98,7 @@ class UMBmarkEnv(RobotEnv):
             turn_acceleration=turn_acceleration,
         )
         super().__init__(robot, square, floor, render_mode)
+        check_fast_enough(self.robot, square)
         self._controller = KinematicController(self.robot)
         limits = np.array([side + MARGIN, side + MARGIN, 8 * np.pi])
         self.action_space = spaces.Box(-limits, limits, dtype=np.float64)

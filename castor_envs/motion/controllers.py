@@ -10,6 +10,7 @@ from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry, castor_rates, inverse, pivot_velocity
 from castor_envs.motion.paths import TrainPath, axles_behind
+from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 
@@ -54,13 +55,27 @@ class KinematicController:
 
     def commands(self, castor_angle: ArrayLike, twist: ArrayLike) -> Commands:
         """Return commands for measured castor angles (..., n) and the desired twist (..., 3) in B in mid-period."""
-        geometry, theta = self._geometry, np.asarray(castor_angle, dtype=float)
-        twist = np.asarray(twist, dtype=float)
+        wheel, rate = self._middle(np.asarray(castor_angle, dtype=float), np.asarray(twist, dtype=float))
+        return Commands(wheel[..., self._driven_wheels], rate[..., self._driven_castors])
+
+    def rolled(self, trajectory: Trajectory) -> tuple[Array, Array]:
+        """Return what one robot's driven wheels (K, driven) are commanded in the K periods of a trajectory if all roll
+        without slip, rad/s, and the twists (K, 3) in B in mid-period."""
+        times = self._period * (0.5 + np.arange(int(np.ceil(trajectory.duration / self._period - 1e-9))))
+        twists = trajectory.at(times)[1]
+        theta = trailing_angles(self._geometry, trajectory.runs[0].legs[0].motion)
+        wheels = np.empty((len(times), len(self._driven_wheels)))
+        for k, twist in enumerate(twists):
+            wheel, rate = self._middle(theta, twist)
+            wheels[k], theta = wheel[self._driven_wheels], theta + self._period * rate
+        return wheels, twists
+
+    def _middle(self, theta: Array, twist: Array) -> tuple[Array, Array]:
+        """Return the rates of all wheels (..., w) and castors (..., n) in mid-period, from castor angles (..., n)."""
         steered = self._steering_rates(theta, twist)
         middle = theta + 0.5 * self._period * self._rates(theta, twist, steered)
         rate = self._rates(middle, twist, steered)
-        wheel = inverse(geometry, middle, rate, twist).rate
-        return Commands(wheel[..., self._driven_wheels], rate[..., self._driven_castors])
+        return inverse(self._geometry, middle, rate, twist).rate, rate
 
     def _rates(self, theta: Array, twist: Array, steered: Array) -> Array:
         """Return castor rates (..., n): of rolling where castors trail, else `steered`; within the motors' limit."""

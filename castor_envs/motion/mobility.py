@@ -6,8 +6,8 @@ and Automation 12(1), 1996; the constraints are those of `castor_envs.motion.kin
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +15,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.motion.controllers import KinematicController
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.motion.rolling import SIDEWAYS
-from castor_envs.motion.trajectories import Trajectory
+from castor_envs.motion.trajectories import Run, Trajectory
 from castor_envs.vehicles.robot import RobotDescription
 
 RANK = 1e-9
@@ -170,6 +171,47 @@ def check_drivable(robot: RobotDescription, trajectory: Trajectory) -> None:
             f"{cannot}: its motors move its body, but cannot turn it, as nothing holds it on its castor; choose a "
             "trajectory without turns, such as corners='fixed'"
         )
+
+
+@lru_cache(maxsize=64)
+def check_fast_enough(robot: RobotDescription, trajectory: Trajectory) -> None:
+    """Raise InputError, with the largest speeds possible, if the scripted driver commands wheels more on a trajectory
+    than their motors can, rolling without slip."""
+    controller, largest, slower = KinematicController(robot), dict[str, float](), trajectory
+    while over := _too_fast(robot, *controller.rolled(slower)):
+        largest |= over
+        runs = (replace(run, speed=min(run.speed, largest.get(_unit(run), run.speed))) for run in slower.runs)
+        slower = replace(slower, runs=tuple(runs))
+    if largest:
+        needed = float(np.abs(controller.rolled(trajectory)[0]).max())
+        raise InputError(
+            f"robot {robot.name!r} is too slow for the {trajectory.name}: its wheels reach {robot.max_wheel_speed:g} "
+            f"rad/s, and it asks for {needed:.3g}; choose "
+            + " and ".join(f"at most {speed:.2g} {unit}" for unit, speed in largest.items())
+        )
+
+
+AHEAD, ON_THE_SPOT = "m/s", "rad/s"
+
+
+def _unit(run: Run) -> str:
+    return AHEAD if any(np.hypot(*leg.motion[:2]) for leg in run.legs) else ON_THE_SPOT
+
+
+def _too_fast(robot: RobotDescription, wheels: Array, twists: Array) -> dict[str, float]:
+    """Return the speeds that bring wheels' rates (K, w) at twists (K, 3) down to the motors' limit, where one is above,
+    rounded down to two digits. Joints turn by the same angles along a path at any speed of it."""
+    share = np.abs(wheels).max(axis=1) / robot.max_wheel_speed
+    ahead = np.hypot(twists[:, 0], twists[:, 1])
+    speeds = {AHEAD: ahead, ON_THE_SPOT: np.where(ahead > 0, 0.0, np.abs(twists[:, 2]))}
+    most = {}
+    for unit, speed in speeds.items():
+        over = (share > 1) & (speed > 0)
+        if over.any():
+            speed_at_limit = float(np.min(speed[over] / share[over]))
+            digit = 10.0 ** (np.floor(np.log10(speed_at_limit)) - 1)
+            most[unit] = float(np.floor(speed_at_limit / digit) * digit)
+    return most
 
 
 def _no_special_angles(geometry: Geometry) -> Array:

@@ -3,6 +3,7 @@
 
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import warnings
@@ -116,7 +117,7 @@ def test_the_same_seed_gives_the_same_episode_in_another_process(name, played_el
 
 @pytest.mark.parametrize("name", preset_names())
 def test_every_preset_drives_in_the_environments(name):
-    env = gym.make("castor/UMBmark-v0", robot=name, corners="fixed" if name == "1-castor" else "rounded")
+    env = gym.make("castor/UMBmark-v0", robot=name, corners="fixed" if name == "1-castor" else "turn")
     _, info = env.reset(seed=0)
     for _ in range(60):
         _, _, _, _, info = env.step(np.zeros(3))
@@ -151,6 +152,32 @@ def test_a_base_that_no_motor_turns_drives_courses_that_keep_its_heading():
             assert not terminated
         assert abs(info["heading_error"]) < 1e-3
         assert info["position_error"] < 0.01
+
+
+@pytest.mark.parametrize(
+    ("robot", "arguments", "most"),
+    [
+        ("asoc-prototype", {"speed": 1.0}, r"asks for 22\.\d.*at most 0\.\d+ m/s"),
+        ("asoc-prototype", {"corners": "rounded", "speed": 0.5}, r"at most 0\.2\d m/s"),
+        ("asoc-prototype", {"turn_speed": 10.0, "turn_acceleration": 50.0}, r"at most \d\.\d+ rad/s"),
+        ("differential", {"speed": 2.0, "acceleration": 3.0}, r"at most 1\.1 m/s"),
+        ("omnimate", {"corners": "rounded"}, r"at most 0\.1\d* m/s"),
+    ],
+)
+def test_a_square_that_its_motors_are_too_slow_for_is_refused_with_the_largest_speed(robot, arguments, most):
+    """That speed is then accepted. Wheels of 75 mm at 15 rad/s roll at 1.125 m/s."""
+    name = "castor/UMBmark-v0"
+    with pytest.raises(InputError, match=f"too slow for the UMBmark square.*{most}") as refusal:
+        gym.make(name, robot=robot, **arguments)
+    ahead, on_the_spot = (re.search(rf"at most ([0-9.]+) {unit}", str(refusal.value)) for unit in ("m/s", "rad/s"))
+    slower = {"speed": ahead, "turn_speed": on_the_spot}
+    gym.make(name, robot=robot, **arguments | {key: float(found[1]) for key, found in slower.items() if found})
+
+
+@pytest.mark.parametrize("arguments", [{"speed": 0.5}, {"corners": "rounded"}, {"corners": "fixed", "speed": 0.5}])
+def test_squares_that_motors_are_fast_enough_for_are_driven(arguments):
+    _, info = run_umbmark(gym.make("castor/UMBmark-v0", **arguments), lambda info: info["pose"])
+    np.testing.assert_allclose(info["pose"][:2], 0.0, atol=0.03)
 
 
 def run_umbmark(env, estimate):
