@@ -68,6 +68,11 @@ class Estimate:
     covariance: Array | None
     stated: NDArray[np.bool_] | None
 
+    def among(self, places: NDArray[np.intp]) -> "Estimate":
+        """Return the estimate at some of its samples."""
+        covariance = None if self.covariance is None else self.covariance[..., places, :, :]
+        return Estimate(self.poses[..., places, :], covariance, None if self.stated is None else self.stated[places])
+
 
 @dataclass(frozen=True)
 class Failure:

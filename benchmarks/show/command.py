@@ -11,13 +11,14 @@ from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import DECLINED
 from benchmarks.run.choose import entries_named
 from benchmarks.run.evaluate import Competitor
+from benchmarks.run.worker_calibrate import Calibrated
+from benchmarks.run.worker_estimate import Estimate, Failure
 from benchmarks.scoring.registry import score
 from benchmarks.show.drives import Drive, Shown, drive_of, drives_of
-from benchmarks.show.follow import Answer, calibrated, failures, follow, poses
+from benchmarks.show.follow import failures, follow, poses
 from benchmarks.tasks.task import Case, Episode, Run, Task, odometry_of
 from castor_envs.errors import InputError
 from castor_envs.floor import load_floor
-from castor_envs.geometry.arrays import Array
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.train import TrainDescription
@@ -131,19 +132,21 @@ def _followed(
     drives = drives_of(episode) if drives is None else drives
     answers = follow(drives, who, by.timeout, by.processes, episode)
     scores = {
-        name: _scores(episode, drives, [poses(answers, k)[name] for k in range(len(drives))], answer)
-        for name, answer in answers.items()
-        if name not in failures(answers)
+        name: _scores(episode, drives, answer) for name, answer in answers.items() if not isinstance(answer, Failure)
     }
     return [drive.followed(poses(answers, k)) for k, drive in enumerate(drives)], failures(answers), scores
 
 
-def _scores(episode: Episode, drives: Sequence[Drive], estimates: Sequence[Array], answer: Answer) -> dict[str, float]:
-    """Return the scores, by the poses at the samples that a run of the benchmark compares."""
-    compared = []
-    for run, drive, estimate in zip(episode.runs, drives, estimates, strict=True):
-        compared.append(estimate[..., np.searchsorted(drive.samples, run.samples), :])
-    found = score(episode, compared, calibrated(answer))
+def _scores(episode: Episode, drives: Sequence[Drive], answer: list[Estimate] | Calibrated) -> dict[str, float]:
+    """Return the scores, by what is estimated at the samples that a run of the benchmark compares."""
+    places = [np.searchsorted(drive.samples, run.samples) for run, drive in zip(episode.runs, drives, strict=True)]
+    if isinstance(answer, Calibrated):
+        compared = [poses[..., at, :] for poses, at in zip(answer.estimates, places, strict=True)]
+        found = score(episode, compared, answer.robot)
+    else:
+        estimates = [estimate.among(at) for estimate, at in zip(answer, places, strict=True)]
+        covariances, stated = [one.covariance for one in estimates], [one.stated for one in estimates]
+        found = score(episode, [one.poses for one in estimates], None, covariances, stated)
     return {name: value for name, value in found.items() if np.isfinite(value)}
 
 

@@ -12,7 +12,6 @@ from benchmarks.show.drives import Drive
 from benchmarks.tasks.task import Episode
 from castor_envs.geometry.arrays import Array
 from castor_envs.processes import InOrder, Job, run_jobs
-from castor_envs.vehicles.robot import RobotDescription
 from estimators.plugins.registry import CalibrationEntry
 
 Answer = list[Estimate] | Calibrated | Failure
@@ -62,8 +61,3 @@ def poses(answers: Mapping[str, Answer], k: int) -> dict[str, Array]:
         elif not isinstance(answer, Failure):
             found[name] = answer[k].poses
     return found
-
-
-def calibrated(answer: Answer) -> RobotDescription | None:
-    """Return the robot as a method returned it, None of an estimator."""
-    return answer.robot if isinstance(answer, Calibrated) else None

@@ -13,9 +13,6 @@ from castor_envs.errors import InputError
 from castor_envs.files import write_atomically, writing
 from castor_envs.rendering.pages.page import MARK, render
 
-MOST_METRICS = 8
-"""Columns of scores; the rest is in the results."""
-
 
 def page_of(shown: Shown, assets: str | None = None, home: str | None = None) -> str:
     """Return the page. assets: as in `render`. home: where the page leads back to, None of a page that stands alone."""
@@ -59,7 +56,7 @@ def drawn(drive: Drive, names: list[str]) -> dict[str, Any]:
 def metrics_of(shown: Shown) -> list[Metric]:
     """Return the metrics that the scores of a page have, those of a terminal's board first."""
     present = [m for name, m in BOARD_METRICS.items() if any(name in scores for scores in shown.scores.values())]
-    return sorted(present, key=lambda metric: (metric.column is None, metric.place))[:MOST_METRICS]
+    return sorted(present, key=lambda metric: (metric.column is None, metric.place))
 
 
 def _shown(metric: Metric, shown: Shown, name: str) -> str:

@@ -15,6 +15,7 @@ from benchmarks.results.rows import ResultsStore
 from benchmarks.run import choose
 from benchmarks.run.plan import Assignment, run
 from benchmarks.show.command import Following, show_case
+from benchmarks.show.page import page_of
 from castor_envs.cli import command_line
 from castor_envs.cli.commands import imported
 from castor_envs.floor import FLOORS, Cable, Floor, Patch
@@ -42,12 +43,16 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks, jobs_here):
     return call
 
 
-def test_scores_are_those_of_a_run(fake_tasks, plugin, jobs_here, tmp_path):
-    task, spec = fake_tasks.Arcs(), plugin("followers:Follower")
+@pytest.mark.parametrize("name", ["followers:Follower", "unsure:Unsure"])
+def test_scores_are_those_of_a_run(fake_tasks, plugin, jobs_here, tmp_path, name):
+    task, spec = fake_tasks.Arcs(), plugin(name)
     run([Assignment(task, (3,), (load_estimator(spec),))], tmp_path)
     (row,) = ResultsStore(tmp_path).rows(task.name, task.version)
     shown = show_case(task, 3, Following([spec]))
-    assert shown.scores == {"followers:Follower": pytest.approx(row.scores, rel=1e-12)}
+    assert shown.scores == {name: pytest.approx(row.scores, rel=1e-12)}
+    page = page_of(shown)
+    told = {"NEES / 3", "inside 95 %", "with status"}
+    assert {title for title in told if title in page} == (told if name == "unsure:Unsure" else set())
     assert shown.origin["episode"] == row.episode
 
 
