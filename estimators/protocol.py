@@ -80,8 +80,9 @@ class Estimator(Protocol):
         ...
 
     def update(self, observation: Observation, /) -> Array:
-        """Take one sample, return the pose (..., 3) or (N, 3) at its time: x, y (m), psi (rad, unwrapped), float64.
+        """Take one sample, return the pose (..., 3) or (N, 3) at its time: x, y (m), psi (rad, unwrapped).
 
+        Real numbers of any type are taken as float64, which has the precision that scores show.
         The first sample after `reset` is taken at the start pose, with wheel increments 0.
         """
         ...

@@ -24,6 +24,7 @@ from castor_envs.processes import MOST_MEMORY, end_if_forked
 from castor_envs.sensors.observation import OPTIONAL, Observations
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
+from estimators.plugins.real_numbers import real_numbers
 from estimators.plugins.registry import CalibrationEntry, EstimatorEntry, declines, load_estimator
 from estimators.plugins.uncertainty import covariance_of, has_status, invalid, takes_covariance
 from estimators.robots.cast import SmallTurnWarning
@@ -319,17 +320,9 @@ def _follow(
 
 def _pose(answer: Any, shape: tuple[int, ...], stage: str) -> Array:
     try:
-        given = np.asarray(answer)
-        if given.dtype.kind not in "fiubOc":  # NumPy would read texts as numbers
-            raise TypeError
-        pose = np.real(given).astype(float, copy=False)
-    except (TypeError, ValueError):
-        raise FailedError(f"returned {type(answer).__name__} instead of {shape} numbers {stage}") from None
-    if np.iscomplexobj(given):
-        raise FailedError(f"returned complex numbers instead of {shape} real ones {stage}")
-    if pose.shape != shape:
-        raise FailedError(f"returned shape {pose.shape} instead of {shape} {stage}")
-    return pose
+        return real_numbers(answer, shape)
+    except ValueError as error:
+        raise FailedError(f"returned {error} {stage}") from None
 
 
 def _declined(error: BaseException, robot: Vehicle | Geometry) -> str | None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
+from estimators.plugins.real_numbers import real_numbers
 
 ROUNDING = 1e-9
 """Largest asymmetry and largest negative eigenvalue of a covariance in units of the variances on its diagonal."""
@@ -21,17 +22,10 @@ def covariance_of(estimator: Any, shape: tuple[int, ...]) -> Array | None:
     given = getattr(estimator, "covariance", None)
     if given is None:
         return None
-    expected = (*shape, 3)
     try:
-        found = np.array(given)
-        covariance = np.real(found).astype(float)
-    except (TypeError, ValueError):
-        raise ValueError(f"covariance is of type {type(given).__name__} instead of {expected} numbers") from None
-    if np.iscomplexobj(found):
-        raise ValueError(f"covariance has complex numbers instead of {expected} real ones")
-    if covariance.shape != expected:
-        raise ValueError(f"covariance has shape {covariance.shape} instead of {expected}")
-    return covariance
+        return real_numbers(given, (*shape, 3))
+    except ValueError as error:
+        raise ValueError(f"covariance has {error}") from None
 
 
 def invalid(covariance: Array) -> str | None:

@@ -8,7 +8,7 @@ from castor_envs.geometry import se2
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
 from estimators.plugins import train_drives
-from estimators.plugins.conformance.subject import STARTS, TOLERANCE, Subject, Wrong, kind_of, robot_of, text
+from estimators.plugins.conformance.subject import STARTS, Subject, Wrong, kind_of, robot_of, text
 from estimators.plugins.drives import with_pivot_counts_unwrapped
 
 NEAR = 0.1
@@ -32,7 +32,7 @@ def starts_at_start(subject: Subject) -> None:
     for start in STARTS:
         first = subject.estimate(subject.winding, start, observations=seen)[0]
         given = se2.compose(start, subject.winding.pose[0])
-        if np.abs(first - given).max() > TOLERANCE:
+        if np.abs(first - given).max() > subject.tolerance:
             raise Wrong(
                 f"after reset at {text(given)} the first update, with wheel increments 0, returns {text(first)}: "
                 "return the start pose until a wheel turns"
@@ -129,7 +129,7 @@ def moves_with_start(subject: Subject) -> None:
         difference = poses - se2.compose(start, at_origin)
         difference[..., 2] = wrap(difference[..., 2])  # whole turns are checked separately
         error = np.abs(difference).max()
-        if error > TOLERANCE:
+        if error > subject.tolerance:
             raise Wrong(
                 f"started at {text(start)} the path is not that from {text(STARTS[0])} moved and turned, but off by "
                 f"up to {error:.2g}: start from the pose that reset is given, psi included"
@@ -157,7 +157,7 @@ def reads_wrapped_pivots(subject: Subject) -> None:
     counted_on = with_pivot_counts_unwrapped(robot_of(subject), subject.winding.observations)
     unwrapped = subject.estimate(subject.winding, observations=counted_on)
     error = np.abs(wrapped - unwrapped).max()
-    if error > 1e-6:
+    if error > max(1e-6, subject.tolerance):
         raise Wrong(
             f"pivot counts that wrap at pivot_counts_per_rev change the estimate by up to {error:.2g}: wrap "
             "differences of pivot angles into (-pi, pi]"

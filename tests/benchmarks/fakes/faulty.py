@@ -38,6 +38,11 @@ class WrongShape(Good):
         return np.zeros(2)
 
 
+class ReturnsNothing(Good):
+    def fail(self):
+        return None
+
+
 class ReturnsText(Good):
     def fail(self):
         return "lost"

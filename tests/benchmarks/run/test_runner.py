@@ -26,7 +26,7 @@ GIB = MOST_MEMORY / 2**30
 FAULTY = (
     *("Raises", "ReturnsNaN", "WrongShape", "ReturnsText", "Overflows", "Exits", "Dies", "Hangs", "Refuses"),
     *("CannotBeMade", "LooksForTruth", "RaisesInReset", "TakesMemory", "Prints", "Forks"),
-    *("ReturnsComplex", "ReturnsDigits", "Interrupts"),
+    *("ReturnsComplex", "ReturnsDigits", "ReturnsNothing", "Interrupts"),
 )
 
 
@@ -62,9 +62,9 @@ def all_sorts(tmp_path_factory, fake_tasks, plugin, one_owner):
 
 def test_every_estimator_has_a_row_for_every_case(all_sorts):
     _, _, rows, heard = all_sorts
-    assert len(rows) == 22 * 2
+    assert len(rows) == 23 * 2
     assert heard.stages["recording episodes"] == 2
-    assert heard.stages["running estimators"] == 22 * 2
+    assert heard.stages["running estimators"] == 23 * 2
 
 
 @pytest.mark.parametrize(
@@ -73,6 +73,7 @@ def test_every_estimator_has_a_row_for_every_case(all_sorts):
         ("Raises", "raised ValueError: no idea where I am in update at sample 7 of run 1"),
         ("ReturnsNaN", "returned NaN or infinity at sample 7 of run 1"),
         ("WrongShape", "returned shape (2,) instead of (3,) in update at sample 7 of run 1"),
+        ("ReturnsNothing", "returned NoneType instead of (3,) numbers in update at sample 7 of run 1"),
         ("ReturnsText", "returned str instead of (3,) numbers in update at sample 7 of run 1"),
         ("ReturnsComplex", "returned complex numbers instead of (3,) real ones in update at sample 7 of run 1"),
         ("ReturnsDigits", "returned ndarray instead of (3,) numbers in update at sample 7 of run 1"),
