@@ -152,7 +152,8 @@ def _findings_on_presets(worker: _Worker, spec: str, name: str, say: Callable[[s
         findings += [replace(finding, name=f"{finding.name}{on}") for finding in found]
         if _lost(found):
             return findings
-    passed, failed = [], {}
+    passed: list[str] = []
+    failed: dict[str, dict[str, str]] = {}
     for preset in further:
         vehicle = load_vehicle(preset)
         found = _findings(worker, spec, vehicle, brief=True)
@@ -160,13 +161,19 @@ def _findings_on_presets(worker: _Worker, spec: str, name: str, say: Callable[[s
         if wrong is None:
             passed.append(preset)
         else:
-            failed.setdefault((wrong.name, wrong.message.replace(repr(vehicle.name), "'...'")), []).append(preset)
+            failed.setdefault(wrong.name, {})[preset] = wrong.message.replace(repr(vehicle.name), "'...'")
         if _lost(found):
             break
     if passed:
         findings.append(Finding(f"stays near the truth on {', '.join(passed)}", True))
-    of_further = ((f"{name} (on {', '.join(presets)})", message) for (name, message), presets in failed.items())
-    return [*findings, *(Finding(name, False, message) for name, message in of_further)]
+    return [*findings, *(_on_all(name, messages) for name, messages in failed.items())]
+
+
+def _on_all(name: str, messages: dict[str, str]) -> Finding:
+    """Return one finding for what is wrong alike on presets, with the first of its messages, by preset."""
+    first, message = next(iter(messages.items()))
+    where = "" if len(set(messages.values())) == 1 else f"on {first}, "
+    return Finding(f"{name} (on {', '.join(messages)})", False, where + message)
 
 
 def _lost(findings: list[Finding]) -> bool:

@@ -152,7 +152,9 @@ def survives_silence(subject: Subject) -> None:
 
 
 def reads_wrapped_pivots(subject: Subject) -> None:
-    """Pivot counts that wrap give what those that do not wrap give."""
+    """Pivot counts that wrap give what those that do not wrap give, if there are any."""
+    if not robot_of(subject).pivot_encoders:
+        return
     wrapped = subject.wound
     counted_on = with_pivot_counts_unwrapped(robot_of(subject), subject.winding.observations)
     unwrapped = subject.estimate(subject.winding, observations=counted_on)

@@ -1,5 +1,7 @@
 """The subject of the check: an estimator, a robot or train, and the noise-free drives that it is given."""
 
+import inspect
+import sys
 import traceback
 from collections.abc import Callable
 from functools import cached_property, lru_cache
@@ -127,12 +129,16 @@ def text(pose: Array) -> str:
 
 
 def place(entry: EstimatorEntry, error: BaseException) -> str:
-    """Return where something was raised: the last line of the estimator's own file on the way, if there is one."""
+    """Return where something was raised: the last line on the way in the file of the estimator's class, else of a class
+    that it is made from; its class, if nothing of it ran."""
     frames = traceback.extract_tb(error.__traceback__)
-    inside = [frame for frame in frames if frame.filename == _file_of(entry)] or frames
-    return f"({inside[-1].name}, line {inside[-1].lineno} of {inside[-1].filename})"
-
-
-def _file_of(entry: EstimatorEntry) -> str | None:
-    code = getattr(getattr(entry.kind, "estimate" if entry.smoother else "update"), "__code__", None)
-    return None if code is None else code.co_filename
+    for file in dict.fromkeys(
+        getattr(sys.modules.get(kind.__module__), "__file__", None) for kind in entry.kind.__mro__
+    ):
+        if inside := [frame for frame in frames if frame.filename == file]:
+            return f"({inside[-1].name}, line {inside[-1].lineno} of {inside[-1].filename})"
+    try:
+        line = inspect.getsourcelines(entry.kind)[1]
+    except (OSError, TypeError):
+        return f"(class {entry.kind.__name__})"
+    return f"(class {entry.kind.__name__}, line {line} of {inspect.getsourcefile(entry.kind)})"

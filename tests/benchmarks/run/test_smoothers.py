@@ -101,7 +101,7 @@ def test_the_check_hears_who_declines(plugin):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("Shortened", "estimate returns shape (200, 3) instead of (201, 3): return an array of three numbers x, y, psi for each of 201"),
+        ("Shortened", "estimate returns shape (200, 3) instead of (201, 3): return an array of three numbers"),
         ("Spoils", "estimate changes 'wheel' that it is given: copy it"),
         ("Backwards", "returns the start pose first"),
         ("LosesItself", "return finite numbers"),

@@ -329,6 +329,28 @@ def test_broken_plugin_is_found_out(kind, name, message):
     assert "\n" not in findings[name]
 
 
+class WithoutPose:
+    def reset(self, robot):
+        self.robot = robot
+
+    def update(self, observation):
+        return np.zeros(3)
+
+
+def test_a_method_with_too_few_parameters_is_shown_in_its_own_file():
+    """Nothing of it ran, so that no line of it is on the way of what was raised."""
+    message = failed(WithoutPose)["serves the robot"]
+    assert "takes 2 positional arguments but 3 were given" in message
+    assert re.search(rf"\(class WithoutPose, line \d+ of {re.escape(__file__)}\)$", message)
+
+
+@pytest.mark.parametrize("kind", [Noisy, Shared])
+def test_an_estimator_is_not_blamed_for_pivots_that_a_robot_lacks(kind):
+    wrong = failed(kind, preset("differential"))
+    assert "is deterministic" in wrong
+    assert "reads pivot counts that wrap" not in wrong
+
+
 @pytest.mark.parametrize("kind", [Overwriting, Removing, KeepingThePose, Forgetful, NotBatched, Wrapping])
 def test_what_is_right_is_not_blamed(kind):
     assert len(failed(kind)) == 1
