@@ -95,7 +95,8 @@ def run(
         cluster = None if backend is None else connect(backend, address, jobs)
         if cluster is not None:
             stack.callback(cluster.close)
-        missing = run_plan(choice.plan, results, jobs or os.cpu_count() or 1, timeout, progress, cluster)
+        processes = jobs or os.cpu_count() or 1
+        missing = run_plan(choice.plan, results, processes, timeout, progress, cluster) if choice.plan else {}
     board = boards.build(choice.tasks, results, cases, missing, choice.left_out)
     detailed = len(choice.tasks) <= MOST_DETAILED
     shown = [given_as(task) for task in choice.tasks] if detailed else []
@@ -104,11 +105,11 @@ def run(
     else:
         print_overviews(board, console())
         print(DETAILS)
-    if any(task.entries or task.declined for task in board.boards):
+    if any(task.entries for task in board.boards):
         again = shlex.join(["castor-bench", "leaderboard", *shown, "--results", str(results)])
         print(f"\nresults in {results}; show them again: {again}")
     unrecorded = [f"cases of {given_as(task)} were not recorded" for task in choice.tasks if task.name in missing]
-    failures = [*unrecorded, *failed_rows(choice.plan, board), *declining_everything(choice.named, board)]
+    failures = [*unrecorded, *failed_rows(choice.plan, board), *declining_everything(choice, board)]
     if failures:
         unnamed = f", and {len(failures) - MOST_NAMED} more" if len(failures) > MOST_NAMED else ""
         where = (

@@ -29,12 +29,17 @@ from estimators.plugins.registry import (
 
 @dataclass(frozen=True)
 class Choice:
-    """What a run does. named: the estimators and methods that the user named. left_out: built-in ones, by task."""
+    """What a run does.
+
+    named: the estimators and methods that the user named. left_out: those who decline tasks' robots, by task.
+    declining_all: of those who decline all of them the reason, by name.
+    """
 
     tasks: tuple[Task, ...]
     plan: tuple[Assignment, ...]
     named: tuple[Competitor, ...]
     left_out: dict[str, list[boards.DeclinedEstimator]]
+    declining_all: dict[str, str]
 
 
 def choose(
@@ -68,7 +73,7 @@ def choose(
     others = (
         () if named else [task for task in judging(known, bool(estimators), bool(methods), named) if not task.standard]
     )
-    left_out = not_serving(entries, _of_estimators(runnable), timeout, _of_estimators(others))
+    left_out, declining_all = not_serving(entries, _of_estimators(runnable), timeout, _of_estimators(others))
     plan = []
     for task in runnable:
         if not (entries or method_entries):
@@ -79,9 +84,10 @@ def choose(
         else:
             chosen = method_entries
         plan.append(Assignment(task, tuple(task.cases(cases)), chosen))
-    if user_robot is not None and not any(assignment.estimators for assignment in plan):
+    plan = [assignment for assignment in plan if assignment.estimators]
+    if user_robot is not None and not (plan or declining_all):
         raise InputError(f"no built-in estimator serves robot {user_robot.robot.name!r}; name one with --estimator")
-    return Choice(tasks, tuple(plan), (*entries, *method_entries), left_out)
+    return Choice(tasks, tuple(plan), (*entries, *method_entries), left_out, declining_all)
 
 
 def tasks_with(measured: Path | None) -> tuple[Task, ...]:
@@ -155,13 +161,14 @@ _estimator, _method = cache(load_estimator), cache(load_calibration)
 
 def not_serving(
     entries: Sequence[EstimatorEntry], tasks: Sequence[Task], timeout: float, others: Sequence[Task] = ()
-) -> dict[str, list[boards.DeclinedEstimator]]:
-    """Return the estimators among `entries` that decline a task's robot, by task.
+) -> tuple[dict[str, list[boards.DeclinedEstimator]], dict[str, str]]:
+    """Return the estimators among `entries` that decline a task's robot, by task, and why some decline all, by name.
 
-    timeout: s, for a plug-in to answer for a robot. others: tasks that were not chosen, but could be. Raises InputError
-    for an estimator that serves none of the tasks, with those of the others that it serves.
+    timeout: s, for a plug-in to answer for a robot. others: tasks that were not chosen, but could be: those that an
+    estimator serves who declines all that were chosen stand with its reason.
     """
     left_out: dict[str, list[boards.DeclinedEstimator]] = {}
+    declining_all: dict[str, str] = {}
     for entry in entries:
         reasons = _refusals(entry, tasks, timeout)
         if tasks and len(reasons) == len(tasks):
@@ -169,10 +176,10 @@ def not_serving(
             declining = _refusals(entry, others, timeout)
             served = [task.name for task in others if task.name not in declining]
             hint = f"; --task takes those that it serves: {', '.join(served)}" if served else ""
-            raise InputError(f"estimator {entry.name!r} does not serve the robot of any chosen task: {why}{hint}")
+            declining_all[entry.name] = why + hint
         for task, reason in reasons.items():
             left_out.setdefault(task, []).append(boards.DeclinedEstimator(entry.name, reason))
-    return left_out
+    return left_out, declining_all
 
 
 def _refusals(entry: EstimatorEntry, tasks: Sequence[Task], timeout: float) -> dict[str, str]:
@@ -213,8 +220,10 @@ def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[s
     return failures
 
 
-def declining_everything(named: Sequence[Competitor], board: boards.Leaderboard) -> list[str]:
-    """Return which named estimators or methods declined every task."""
+def declining_everything(choice: Choice, board: boards.Leaderboard) -> list[str]:
+    """Return which named estimators or methods declined every task: when they were asked, and why, or in the run."""
     scored = {entry.estimator for task in board.boards for entry in task.entries}
     declining = {declined.estimator for task in board.boards for declined in task.declined}
-    return [f"{entry.name} declined every task" for entry in named if entry.name in declining - scored]
+    in_run = [entry.name for entry in choice.named if entry.name in declining - scored - set(choice.declining_all)]
+    asked = (f"{name} declined every task: {why}" for name, why in choice.declining_all.items())
+    return [*asked, *(f"{name} declined every task" for name in in_run)]

@@ -307,13 +307,14 @@ class Choosy:
 """
 
 
-def test_a_plug_in_that_declines_every_robot_is_refused_before_anything_is_recorded(jobs_here, castor_bench, plugin):
+def test_a_plug_in_that_declines_every_robot_is_told_after_the_board_of_the_others(jobs_here, castor_bench, plugin):
     Path("choosy.py").write_text(CHOOSY)
     arguments = ("run", "--task", "arcs", "--cases", 1, "--jobs", 1, "--estimator")
     code, out, err = castor_bench(*arguments, plugin("followers:Follower"), "--estimator", "choosy.py")
-    assert (code, out) == (2, "")
-    assert err == "error: estimator 'choosy:Choosy' does not serve the robot of any chosen task: needs six legs\n"
-    assert not Path("castor-results").exists()
+    assert code == 1
+    assert "│    1 │ followers:Follower" in out
+    assert "choosy:Choosy declines this robot: needs six legs" in out
+    assert "not all succeeded: choosy:Choosy declined every task: needs six legs; " in err.splitlines()[-1]
     assert castor_bench(*arguments, plugin("followers:Follower"))[0] == 0
 
 
@@ -333,10 +334,12 @@ def test_a_row_that_failed_makes_the_run_fail_after_the_board(jobs_here, castor_
     assert code == 0, err
 
 
-def test_a_built_in_that_serves_no_chosen_task_is_refused_at_once(castor_bench):
+def test_where_nobody_serves_a_chosen_task_nothing_is_run(castor_bench):
     code, out, err = castor_bench("run", "--task", "arcs", "--estimator", "cast-9")
-    assert (code, out, err.count("\n")) == (2, "", 1)
-    assert "'cast-9' does not serve the robot of any chosen task" in err
+    assert code == 1
+    assert "cast-9 declines this robot: " in out
+    assert "show them again" not in out
+    assert "not all succeeded: cast-9 declined every task: " in err
     assert not list(Path().iterdir())
 
 

@@ -413,7 +413,7 @@ def test_who_stays_put_in_a_snapshot_is_ranked_all_the_same(castor_bench):
     ("name", "code", "said"),
     [
         ("OneAxle", 1, "mine:OneAxle failed 1 of 1 cases (test-1): returned shape (3,) instead of (3, 3) in update"),
-        ("OfRobots", 2, "does not serve the robot of any chosen task: is written for robots: it asks for 'castors'"),
+        ("OfRobots", 1, "mine:OfRobots declined every task: is written for robots: it asks for 'castors'"),
     ],
 )
 def test_a_plug_in_that_is_not_for_trains_is_distinguished(castor_bench, name, code, said):
