@@ -69,6 +69,13 @@ class Fleet:
         self.time, self._periods = np.zeros(size), np.array([member.sample_period for member in self.simulations])
         self._runs = [self._bound(world, [self.simulations[m] for m in members[world]]) for world in range(worlds)]
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        # What advances worlds is bound to its memory: a copy is made anew, and takes the state.
+        return Fleet, (self.simulations, self._threads), (self._state, self.motion, self.time)
+
+    def __setstate__(self, state: tuple[Array, Array, Array]) -> None:
+        self._state[:], self.motion, self.time = state
+
     def _bound(self, world: int, members: Sequence[Simulation]) -> Callable[[], None]:
         """Put members (L,) into a world; return what advances it."""
         first, width = members[0], len(members)

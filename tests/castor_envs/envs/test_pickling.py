@@ -95,3 +95,37 @@ def test_sensors_go_on_in_a_copy(name):
     for _ in range(5):
         env.step(env.action_space.sample())
     assert going_on(pickled(env)) == going_on(env)
+
+
+def stepped(vector, steps=25):
+    """Return what the next steps of a vector give with seeded actions, and the reset after them, as bytes."""
+    vector.action_space.seed(0)
+    said = []
+    for _ in range(steps):
+        observation, reward, terminated, truncated, info = vector.step(vector.action_space.sample())
+        outcomes = [values.tobytes() for values in (reward, terminated, truncated, info["pose"])]
+        said.append([*number_bytes(observation), *outcomes])
+    observation, info = vector.reset()
+    return said, number_bytes(observation), info["pose"].tobytes()
+
+
+@pytest.mark.parametrize("copied", [pickled, copy.deepcopy])
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("castor/ASOC-v1", {}),
+        ("castor/ASOC-v1", {"control": "residual", "scaled": True, "threads": 2}),
+        ("castor/CFMMR-v1", {}),
+        ("castor/UMBmark-v0", {}),
+    ],
+)
+def test_a_copy_of_a_vector_goes_on_bit_for_bit_and_leaves_the_other_alone(name, arguments, copied):
+    vector = gym.make_vec(name, num_envs=20, **arguments)
+    twin = copied(vector)
+    for each in (vector, twin):
+        each.reset(seed=2)
+    assert stepped(twin) == stepped(vector)
+    for _ in range(5):
+        vector.step(vector.action_space.sample())
+    twin = copied(vector)
+    assert stepped(twin) == stepped(vector)
