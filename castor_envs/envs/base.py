@@ -35,7 +35,8 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
     """A sensed vehicle, a course, and pictures. Environments say what the agent does, and under which ID.
 
     vehicle: as estimators may know it. sensed: it and its sensors. course: what is followed. sample: how many sample
-    periods of it have passed. samples: how many it takes. Before the first `reset` there is no episode: ResetNeeded.
+    periods of it have passed. samples: how many it takes. Before the first `reset` there is no episode: ResetNeeded. A
+    step after the end of one raises InputError.
     """
 
     ID: ClassVar[str]
@@ -51,7 +52,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
             raise InputError(f"render_mode must be None, 'human' or 'rgb_array', got {render_mode!r}")
         self.render_mode = render_mode
         self._renderer: Renderer | None = None
-        self._began = False
+        self._began = self._over = False
 
     def __getstate__(self) -> dict[str, Any]:
         return self.__dict__ | {"_renderer": None}  # windows are not copied: a copy opens its own
@@ -77,6 +78,12 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         if not self._began:
             raise ResetNeeded(f"{what} needs an episode that has begun; call env.reset() first")
 
+    def _need_going(self) -> None:
+        """Raise ResetNeeded if no episode has begun, InputError if it has ended."""
+        self._need_reset("a step")
+        if self._over:
+            raise InputError("a step needs an episode that goes on, and this one has ended; call env.reset()")
+
     def _start(self, seed: int | None, options: dict[str, Any] | None) -> Observation:
         """Seed, and put the vehicle at rest at the start of the course; raises InputError for any option."""
         for name in sorted((options or {}).keys() - OF_WRAPPERS)[:1]:
@@ -88,7 +95,7 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
         course = self._next_course()
         self.samples = int(np.ceil(course.duration / self.vehicle.sample_period - 1e-9))
         self._put_at_start()
-        self.sample, self._began = 0, True
+        self.sample, self._began, self._over = 0, True, False
         if course is not self.course:
             self.course = course
             self.close()

@@ -93,7 +93,7 @@ class ConfigurationEnv(TrainEnv):
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
-        self._need_reset("a step")
+        self._need_going()
         shape = (self.train.n_axles, 3)
         flat = np.ravel(action) if np.shape(action) == shape else action
         estimate = finite(flat, self.action_space.shape, "action (the estimate x, y, psi of every axle)").reshape(shape)
@@ -103,7 +103,7 @@ class ConfigurationEnv(TrainEnv):
         reward, self._error = self._error - error, error
 
         command = np.zeros(2 * self.train.n_axles)
-        terminated = self.sample == self.samples
+        terminated = self._over = self.sample == self.samples
         if not terminated:
             seen = self.sensed.observation
             command = self._driver.commands(self.sensed.world.time, seen["rps"], seen["rps_age"])

@@ -115,13 +115,13 @@ class UMBmarkEnv(RobotEnv):
 
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
-        self._need_reset("a step")
+        self._need_going()
         self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self.sensed.pose
         error, heading_error = float(np.hypot(self._off[0], self._off[1])), float(self._off[2])
         reward, self._error = self._error - error, error
 
         commands = self._no_commands
-        terminated = self.sample == self.samples
+        terminated = self._over = self.sample == self.samples
         if not terminated:
             middle = (self.sample + 0.5) * self.robot.sample_period
             twist = self.trajectory.twist_at(middle)

@@ -107,7 +107,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
 
     def step(self, action: NDArray[np.float32]) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Command the motors for one sample period."""
-        self._need_reset("a step")
+        self._need_going()
         fraction = np.minimum(np.maximum(finite(action, self.action_space.shape, "action"), -1.0), 1.0)
         commands = self._commands(self._motors(fraction))
         self._advance(commands, self.drive)
@@ -115,6 +115,7 @@ class TrackingEnv(VehicleEnv[Sensed]):
         observation, info = self._after(commands)
         reward = self.vehicle.sample_period * float(quality(info["position_error"], info["heading_error"]))
         lost, over = info["position_error"] > LOST, self.sample >= self.samples
+        self._over = lost or over
         return observation, reward, lost, over, info
 
     def _motors(self, fraction: Array) -> Array:

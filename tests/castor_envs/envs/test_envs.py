@@ -18,6 +18,7 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.trajectories import Leg, Run, Trajectory
 from castor_envs.rendering.drawing.palette import ESTIMATE
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
@@ -41,13 +42,15 @@ JUSTIFIED = {
 
 
 def play(env, seed, steps=40):
-    """Return all that a seeded episode with seeded actions gives, flat."""
+    """Return all that a seeded episode with seeded actions gives, flat, up to its end."""
     env.action_space.seed(seed)
     observation, info = env.reset(seed=seed)
     numbers = [*observation.values(), *info.values()]
     for _ in range(steps):
         observation, reward, terminated, truncated, info = env.step(env.action_space.sample())
         numbers += [*observation.values(), reward, terminated, truncated, *info.values()]
+        if terminated or truncated:
+            break
     return np.concatenate([np.ravel(np.asarray(number, dtype=float)) for number in numbers])
 
 
@@ -219,7 +222,10 @@ def test_voltage_drives_less_hard_the_faster_the_wheel():
     """At full voltage a wheel ends at its no-load speed; at half, at half of it."""
     ends = []
     for voltage in (1.0, 0.5):
-        env = gym.make("castor/ASOC-v1", robot="differential", control="voltage")
+        ahead = Run((Leg((1.0, 0.0, 0.0), 10.0),), voltage * 15.0 * 0.075, 2.0)
+        env = gym.make(
+            "castor/ASOC-v1", robot="differential", control="voltage", trajectory=Trajectory("ahead", (ahead,))
+        )
         env.reset(seed=0)
         for _ in range(120):
             observation, *_ = env.step(np.full(2, voltage, dtype=np.float32))
@@ -397,3 +403,27 @@ def test_what_is_seen_live_is_what_the_log_of_it_gives():
             np.testing.assert_array_equal(again["command"], said["command"])
             for key in sensed:
                 np.testing.assert_array_equal(live[key], again[key])
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("castor/UMBmark-v0", {"side": 0.1}),
+        ("castor/ASOC-v1", {}),
+        ("castor/Configuration-v0", {"path": "straight"}),
+        ("castor/CFMMR-v1", {}),
+    ],
+)
+def test_an_ended_episode_cannot_be_stepped(name, arguments):
+    """Whoever stands still is lost, or has estimated to the end."""
+    env = gym.make(name, **arguments)
+    env.reset(seed=0)
+    still, ended = 0 * env.action_space.sample(), False
+    while not ended:
+        *_, terminated, truncated, _ = env.step(still)
+        ended = terminated or truncated
+    for _ in range(2):
+        with pytest.raises(InputError, match=r"this one has ended; call env.reset\(\)"):
+            env.step(still)
+    env.reset()
+    env.step(still)

@@ -55,7 +55,6 @@ def test_of_an_episode_that_ends_or_has_no_step_no_second_log_is_written(tmp_pat
     env = made(tmp_path)
     driven(env, 10_000)
     ended = contents(tmp_path)
-    env.step(np.zeros(3))
     env.reset()
     env.reset()
     env.close()
