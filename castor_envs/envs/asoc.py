@@ -71,9 +71,9 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
     Terminates when the robot is more than 0.5 m from the target; truncates at the trajectory's end.
 
     ## Information
-    `pose` (3,): the truth. `target` (3,): the trajectory's pose now. `position_error` (m), `heading_error` (rad): their
-    sizes. `command`, `steering_command`: what the motors were told in the last period (rad/s; with voltage control the
-    wheels' fraction).
+    `pose` (3,): the truth. `target` (3,): the trajectory's pose now. `position_error` (m), `heading_error` (rad,
+    wrapped): sizes. `command`, `steering_command`: what the motors were told in the last period (rad/s; with voltage
+    control the wheels' fraction).
 
     ## Arguments
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`

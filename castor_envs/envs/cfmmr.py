@@ -62,8 +62,8 @@ class CFMMREnv(TrackingEnv[SensedTrain], TrainEnv):
 
     ## Information
     `pose` (axles, 3): the truth. `target` (axles, 3): where the axles would be on the path now. `position_error` (m)
-    and `heading_error` (rad): mean over the axles. `command` (2 * axles,): what the motors were told in the last period
-    (rad/s; with voltage control the fraction).
+    and `heading_error` (rad, wrapped): sizes, mean over the axles. `command` (2 * axles,): what the motors were told in
+    the last period (rad/s; with voltage control the fraction).
 
     ## Arguments
     - `train`: a preset's name ("cfmmr-2" to "cfmmr-10"), the path of a train file, or a `TrainDescription`

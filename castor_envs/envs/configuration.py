@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from castor_envs.envs.actions import finite
 from castor_envs.envs.base import TrainEnv
+from castor_envs.envs.driving.reward import tracking_error
 from castor_envs.floor import Floor
 from castor_envs.motion.controllers import TrainDriver
 from castor_envs.motion.paths import LONGEST_RANDOM, TrainPath
@@ -52,14 +53,15 @@ class ConfigurationEnv(TrainEnv):
     Terminates when the estimate for the last observation, after the path, has been given.
 
     ## Information
-    `pose` (axles, 3): the truth. `position_error` (m), `heading_error` (rad): of the last action, mean
-    over the axles. `command` (2 * axles,): what the driver commanded in the period that led to this observation, rad/s.
+    `pose` (axles, 3): the truth. `position_error` (m), `heading_error` (rad, wrapped): sizes, of the last action,
+    mean over the axles. `command` (2 * axles,): what the driver commanded in the period that led to this observation,
+    rad/s.
 
     ## Arguments
     - `train`: a preset's name ("cfmmr-2" to "cfmmr-10"), the path of a train file, or a `TrainDescription`;
       `env.unwrapped.train` is what an estimator may know
     - `path`: "s-bend", "straight", "arc", "random" (drawn for every episode), or a `TrainPath`
-    - `floor`: a `Floor` or the path of a floor file
+    - `floor`: a `Floor`, "slippery", or the path of a floor file
 
     ## Version History
     * v0: first version
@@ -97,9 +99,9 @@ class ConfigurationEnv(TrainEnv):
         shape = (self.train.n_axles, 3)
         flat = np.ravel(action) if np.shape(action) == shape else action
         estimate = finite(flat, self.action_space.shape, "action (the estimate x, y, psi of every axle)").reshape(shape)
-        self._off = estimate - self.sensed.pose
-        error = float(np.mean(np.hypot(self._off[:, 0], self._off[:, 1])))
-        heading_error = float(np.mean(np.abs(self._off[:, 2])))
+        pose = self.sensed.pose
+        self._off = estimate - pose
+        error, heading_error = map(float, tracking_error(pose, estimate))
         reward, self._error = self._error - error, error
 
         command = np.zeros(2 * self.train.n_axles)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.envs.actions import finite
 from castor_envs.envs.base import RobotEnv
+from castor_envs.envs.driving.reward import tracking_error
 from castor_envs.floor import Floor
 from castor_envs.motion.controllers import Commands, KinematicController
 from castor_envs.motion.mobility import check_fast_enough
@@ -57,8 +58,8 @@ class UMBmarkEnv(RobotEnv):
     Terminates when the estimate for the last observation, after the square, has been given.
 
     ## Information
-    `pose` (3,): the truth. `position_error` (m), `heading_error` (rad): of the last action. `command`,
-    `steering_command`: what the driver commanded in the period that led to this observation, rad/s.
+    `pose` (3,): the truth. `position_error` (m), `heading_error` (rad, wrapped): sizes, of the last action.
+    `command`, `steering_command`: what the driver commanded in the period that led to this observation, rad/s.
 
     ## Arguments
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`; `env.unwrapped.robot` is
@@ -116,8 +117,9 @@ class UMBmarkEnv(RobotEnv):
     def step(self, action: NDArray[np.float64]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Take the estimate for the newest observation, score it, and drive on for one sample period."""
         self._need_going()
-        self._off = finite(action, (3,), "action (the estimate x, y, psi)") - self.sensed.pose
-        error, heading_error = float(np.hypot(self._off[0], self._off[1])), float(self._off[2])
+        estimate, pose = finite(action, (3,), "action (the estimate x, y, psi)"), self.sensed.pose
+        self._off = estimate - pose
+        error, heading_error = map(float, tracking_error(pose, estimate))
         reward, self._error = self._error - error, error
 
         commands = self._no_commands

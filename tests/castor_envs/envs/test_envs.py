@@ -427,3 +427,13 @@ def test_an_ended_episode_cannot_be_stepped(name, arguments):
             env.step(still)
     env.reset()
     env.step(still)
+
+
+@pytest.mark.parametrize(("off", "size"), [(0.1, 0.1), (-0.1, 0.1), (2 * np.pi + 0.2, 0.2), (-6 * np.pi - 0.3, 0.3)])
+@pytest.mark.parametrize("name", ["castor/UMBmark-v0", "castor/Configuration-v0"])
+def test_the_error_of_an_estimated_heading_is_its_size_wrapped(name, off, size):
+    """As of a driven one."""
+    env = gym.make(name)
+    _, info = env.reset(seed=0)
+    *_, info = env.step((info["pose"] + [0.0, 0.0, off]).ravel())
+    assert info["heading_error"] == pytest.approx(size)
