@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from castor_envs.envs.course import Course, RobotCourse, TrainCourse
 from castor_envs.envs.sensed import SensedRobot, SensedTrain
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, shortened
 from castor_envs.floor import Floor, load_floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.controllers import Commands, trailing_angles
@@ -86,7 +86,9 @@ class VehicleEnv(gym.Env[Any, NDArray[Any]], Generic[Sensed]):
 
     def _start(self, seed: int | None, options: dict[str, Any] | None) -> Observation:
         """Seed, and put the vehicle at rest at the start of the course; raises InputError for any option."""
-        for name in sorted((options or {}).keys() - OF_WRAPPERS)[:1]:
+        if not isinstance(options, dict | None):
+            raise InputError(f"options must be a dictionary or None, got {shortened(repr(options))}")
+        for name in sorted((options or {}).keys() - OF_WRAPPERS, key=repr)[:1]:
             raise InputError(
                 f"reset has no option {name!r}; known: 'reset_mask', of vectors only; robot, course and floor are "
                 "given to gymnasium.make"

@@ -59,7 +59,7 @@ class TrackingVectorEnv(SyncVectorEnv):
         self, *, seed: int | list[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset all members, or those of ``options["reset_mask"]``."""
-        given = None if options is None else options.get("reset_mask")
+        given = options.get("reset_mask") if isinstance(options, dict) else None  # members refuse what is none
         if given is not None and not self._unscaled and not np.all(given):
             raise ResetNeeded("some members have not begun an episode; call reset() without a reset_mask first")
         self._keep_observations()

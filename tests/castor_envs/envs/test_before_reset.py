@@ -1,6 +1,6 @@
 """Before the first reset there is no episode: whatever is asked of one says so, and what to do. It has no options."""
 
-# pyright: reportAttributeAccessIssue=false
+# pyright: reportAttributeAccessIssue=false, reportArgumentType=false
 
 import gymnasium as gym
 import numpy as np
@@ -60,4 +60,9 @@ def test_options_that_a_reset_does_not_know_are_refused(name):
     for reset, known in ((env.reset, {}), (vector.reset, {}), (vector.reset, mask)):
         with pytest.raises(InputError, match=said):
             reset(options=known | {"way": "cw"})
+    for reset in (env.reset, vector.reset):
+        with pytest.raises(InputError, match=r"options must be a dictionary or None, got \[1\]"):
+            reset(options=[1])
+        with pytest.raises(InputError, match="reset has no option"):
+            reset(options={1: 2, "way": "cw"})
     vector.reset(options=mask)
