@@ -11,6 +11,7 @@ import warnings
 import gymnasium as gym
 import numpy as np
 import pytest
+from gymnasium import wrappers
 from gymnasium.utils.env_checker import check_env
 
 from castor_envs.envs import ENVIRONMENTS, register_envs
@@ -437,3 +438,18 @@ def test_the_error_of_an_estimated_heading_is_its_size_wrapped(name, off, size):
     _, info = env.reset(seed=0)
     *_, info = env.step((info["pose"] + [0.0, 0.0, off]).ravel())
     assert info["heading_error"] == pytest.approx(size)
+
+
+@pytest.mark.parametrize(
+    "wrapped",
+    [
+        lambda: wrappers.TimeAwareObservation(gym.make("castor/ASOC-v1", max_episode_steps=9), dict_time_key="steps"),
+        lambda: wrappers.NormalizeObservation(wrappers.FlattenObservation(gym.make("castor/UMBmark-v0"))),
+        lambda: wrappers.NormalizeObservation(gym.make("castor/ASOC-v1", scaled=True)),
+    ],
+)
+def test_wrappers_that_the_docs_say_how_to_use_work_so(wrapped):
+    env = wrapped()
+    env.reset(seed=0)
+    observation, *_ = env.step(env.action_space.sample())
+    assert env.observation_space.contains(observation)
