@@ -2,6 +2,8 @@
 
 import csv
 import re
+from collections import Counter
+from collections.abc import Iterable
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -16,10 +18,27 @@ _DATE = re.compile(
     rf"(?:[T ] *(?P<h>\d\d?)(?P<rest>:.*?){_HALF})?"
 )
 _TIME_OF_DAY = re.compile(rf"(\d{{1,3}}):([0-5]\d):([0-5]\d)(?:[.,](\d+))?{_HALF}")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?")
+_BY = {
+    decimal: re.compile(
+        rf"(?=.*\d)[+-]?(?:\d+|[1-9]\d{{0,2}}(?:\{between}\d{{3}})+)?(?:\{decimal}\d*)?(?:[eE][+-]?\d+)?"
+    )
+    for decimal, between in (".,", ",.")
+}
+"""Numbers by the sign before their decimals, the other of which may stand between thousands."""
+
+UNCLEAR = "?"
+"""What `cells_of` adds to a number with a sign of which nothing says whether it is before decimals."""
+
+MAY_BE_EITHER = (
+    "may stand before decimals or between thousands, by the file's other numbers; write none between thousands, and "
+    "the same before all decimals"
+)
+"""What is said of such numbers."""
+
+SIGNS_AT_ONCE = 100
+"""Rows of which the usual sign before decimals counts, if any of their numbers says one."""
+
 MONTHS, HALF_DAY = 12, 12
-_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2}(,\d{3})+")
-"""What may be a thousand, where a decimal comma needs quotes."""
 
 
 def value_of(cell: str) -> float | None:
@@ -104,16 +123,59 @@ def is_read(cell: str) -> bool:
     return moment(cell) is not None
 
 
-def says_decimal_comma(cell: str) -> bool:
-    """Return whether a cell is a number by a decimal comma, and by no comma between thousands."""
-    return bool(_DECIMAL_COMMA.fullmatch(cell)) and not _THOUSANDS.fullmatch(cell)
+def decimal_sign(cell: str) -> str | None:
+    """Return the sign before the decimals of a number, "." or ","; None of one that reads as a number by both signs, as
+    ``1,234`` and ``7``, and of other text."""
+    signs = [sign for sign, number in _BY.items() if number.fullmatch(cell)]
+    return signs[0] if len(signs) == 1 else None
 
 
-def cells_of(path: Path, number: int, line: str, delimiter: str, decimal_comma: bool) -> list[str]:
-    """Return the cells of a line, numbers with a decimal point; of a comment, those after its mark.
+def usual_decimal_sign(rows: Iterable[list[str]]) -> str | None:
+    """Return the sign before the decimals of most numbers in the first rows, as many as it takes until one says it; ""
+    where none does, None where there is no row."""
+    signs, row = Counter[str](), 0
+    for row, cells in enumerate(rows, start=1):
+        signs.update(sign for cell in cells if (sign := decimal_sign(cell)) is not None)
+        if signs and row >= SIGNS_AT_ONCE:
+            break
+    return signs.most_common(1)[0][0] if signs else "" if row else None
 
-    decimal_comma: whether numbers may have one. Raises InputError for what is no CSV.
+
+def with_points(cells: list[str], decimal: str | None) -> list[str]:
+    """Return cells with numbers as Python writes them, of such whose decimals are after this sign, None for whichever
+    makes them numbers.
+
+    What is a number by the other sign alone, or by either where `decimal` is "", ends with `UNCLEAR`.
     """
+    marked = decimal != "."  # a point needs no look
+    return [_with_point(cell, decimal) if "," in cell or (marked and "." in cell) else cell for cell in cells]
+
+
+def _with_point(cell: str, decimal: str | None) -> str:
+    if decimal is None:
+        decimal = decimal_sign(cell) or "."
+    if decimal and _BY[decimal].fullmatch(cell):
+        return cell.replace("," if decimal == "." else ".", "").replace(decimal, ".")
+    return cell + UNCLEAR if _is_numeral(cell) else cell
+
+
+def _is_numeral(cell: str) -> bool:
+    return any(number.fullmatch(cell) for number in _BY.values())
+
+
+def is_unclear(cell: str) -> bool:
+    """Return whether a cell holds a number that `UNCLEAR` ends."""
+    return cell.endswith(UNCLEAR) and _is_numeral(cell[:-1])
+
+
+def check_clear(path: Path, line: int, column: str, cell: str) -> None:
+    """Raise InputError for a number in a cell that `UNCLEAR` ends."""
+    if is_unclear(cell):
+        raise complaint(path, line, column, f"{cell[:-1]!r} has a sign that {MAY_BE_EITHER}")
+
+
+def cells_of(path: Path, number: int, line: str, delimiter: str) -> list[str]:
+    """Return the cells of a line; of a comment, those after its mark. Raises InputError for what is no CSV."""
     line = line.strip("\r\n")
     plain = '"' not in line and len(line) < csv.field_size_limit()  # which is split much faster
     try:
@@ -124,6 +186,4 @@ def cells_of(path: Path, number: int, line: str, delimiter: str, decimal_comma: 
         cells = [cell.strip() for cell in found]
     except csv.Error as error:
         raise complaint(path, number, None, f"is not CSV ({error}); mend the line") from None
-    if decimal_comma and "," in line:
-        cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
     return [cells[0].lstrip("# "), *cells[1:]] if cells else cells

@@ -14,7 +14,7 @@ import numpy as np
 
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.recordings.csv_cells import is_day, is_number, moment, time_of_day, value_of
+from castor_envs.logs.recordings.csv_cells import check_clear, is_day, is_number, moment, time_of_day, value_of
 from castor_envs.logs.recordings.recording import UNITS, Clock, TimeUnit, nanoseconds
 from castor_envs.logs.table import Line, number
 from castor_envs.logs.unit_words import TIMES
@@ -108,6 +108,7 @@ class RowTimes:
         cell = line.cells[at]
         if not is_number(cell) and (read := moment(cell)) is not None:
             return round(read)
+        check_clear(self._path, line.number, name, cell)
         return nanoseconds(number(self._path, line.number, name, cell), unit, f"{self._path}:{line.number}")
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from castor_envs.logs.recordings.csv_cells import cells_of, is_blank, is_read, says_decimal_comma
+from castor_envs.logs.recordings.csv_cells import cells_of, is_blank, is_read, with_points
 from castor_envs.logs.recordings.text_lines import is_comment
 from castor_envs.logs.table import Line, complaint
 from castor_envs.logs.unit_words import TIMES, WORDS
@@ -24,11 +24,10 @@ _UNIT = re.compile(rf"{_ATOM}(?:\^?-?\d|²|³)?(?:[/*·. ]{_ATOM}(?:\^?-?\d|²|�
 
 
 class Layout(NamedTuple):
-    """delimiter: between cells. decimal_comma: whether numbers may have one. names: of the columns, distinct. header:
-    the number of the last line above the rows, from 1, 0 for none."""
+    """delimiter: between cells. names: of the columns, distinct. header: the number of the last line above the rows,
+    from 1, 0 for none."""
 
     delimiter: str
-    decimal_comma: bool
     names: list[str]
     header: int
 
@@ -60,10 +59,7 @@ def layout_of(path: Path, head: Sequence[tuple[int, str]]) -> Layout:
 
 def _judged(path: Path, head: Sequence[tuple[int, str]], delimiter: str) -> tuple[tuple[float, int], Layout] | None:
     """Return what speaks for a delimiter, and the layout by it; None where no row follows."""
-    lines = [Line(k, cells_of(path, k, text, delimiter, False)) for k, text in head]
-    comma = delimiter != "," or any(says_decimal_comma(cell) for line in lines for cell in line.cells)
-    if comma:
-        lines = [Line(k, cells_of(path, k, text, delimiter, True)) for k, text in head]
+    lines = [Line(k, with_points(cells_of(path, k, text, delimiter), None)) for k, text in head]
     rows = [line for line, (_, text) in zip(lines, head, strict=True) if not is_comment(text) and len(line.cells) > 1]
     widths = Counter(len(line.cells) for line in rows)
     if not widths:
@@ -84,7 +80,7 @@ def _judged(path: Path, head: Sequence[tuple[int, str]], delimiter: str) -> tupl
     names = _names(above, {width, width - 1 if ends else width})
     fits = sum(is_read(cell) or is_blank(cell) for cell in first.cells) / width + (NAMED if names else 0.0)
     header = max((line.number for line in lines if line.number < first.number), default=0)
-    layout = Layout(delimiter, comma, _distinct(names or [""] * width), header)
+    layout = Layout(delimiter, _distinct(names or [""] * width), header)
     return (fits, width if delimiter != " " else 0), layout
 
 

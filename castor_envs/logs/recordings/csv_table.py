@@ -4,20 +4,36 @@ The header is the line before the first row of numbers, or the one before that w
 end with: ``left [deg]``. Lines above it are left alone, and so is what begins with ``#``, unless it alone has the
 names. A name that stands twice gets its place (``X``, ``X #2``), a column without a name too (``#3``). Cells are
 separated by commas, semicolons, tabs, bars or blanks, whichever makes most of them numbers. Numbers may have a decimal
-comma, between commas in quotes. A blank cell, or ``NA``, ``NULL`` or ``-``, is no reading, so one file may hold several
+comma, between commas in quotes, and the sign that is not before decimals between thousands. A blank cell, or ``NA``, ``NULL`` or ``-``, is no reading, so one file may hold several
 rates. What is the time, and how it may be written: `csv_clock`.
 """
 
 import itertools
+import re
 from collections.abc import Generator, Iterator, Mapping
 from pathlib import Path
 
-from castor_envs.logs.recordings.csv_cells import cells_of, is_blank, is_number, says_no_order, value_of
+from castor_envs.logs.recordings.csv_cells import (
+    MAY_BE_EITHER,
+    UNCLEAR,
+    cells_of,
+    check_clear,
+    is_blank,
+    is_number,
+    is_unclear,
+    says_no_order,
+    usual_decimal_sign,
+    value_of,
+    with_points,
+)
 from castor_envs.logs.recordings.csv_clock import RowTimes, clock_of
 from castor_envs.logs.recordings.csv_layout import head_of, layout_of
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat
 from castor_envs.logs.recordings.text_lines import first_row, is_comment, numbered_lines
 from castor_envs.logs.table import Line, complaint
+
+_SIGN, _QUOTED_COMMA = re.compile("[.,]"), re.compile(r'"[^"]*,\d[^"]*"')
+"""What may be before decimals or between thousands; between cells with commas only a comma in quotes may."""
 
 
 def _is_table(path: Path) -> bool:
@@ -41,7 +57,8 @@ class Table:
         head = head_of(numbered_lines(path, self.notes))
         if not head:
             raise complaint(path, None, None, "is empty; a CSV file was expected")
-        self._delimiter, self._decimal_comma, self._names, self._header = layout_of(path, head)
+        self._delimiter, self._names, self._header = layout_of(path, head)
+        self._decimal = self._usual_decimal_sign()
 
     def clock(self) -> Clock:
         """Return the clock, see `clock_of`."""
@@ -60,7 +77,7 @@ class Table:
             (k, n) for k, n in enumerate(self._names) if n not in times.columns and (channels is None or n in channels)
         ]
         seen: set[str] = set()
-        odd: dict[str, str] = {}
+        odd: dict[str, tuple[int, str]] = {}
         for row, line in enumerate(self._lines()):
             time = times.of(row, line)
             for k, name in taken:
@@ -73,22 +90,25 @@ class Table:
                 elif is_blank(cell):
                     continue
                 elif channels is not None:
+                    check_clear(self._path, line.number, name, cell)
                     raise complaint(self._path, line.number, name, f"{cell!r} is not a number; mend or blank it")
                 elif name not in odd:
-                    odd[name] = f"{cell!r} in line {line.number}"
+                    odd[name] = line.number, cell
         if channels is None:
             self.left_out = dict(self._left_out({*seen, *times.columns}, odd))
 
-    def _left_out(self, seen: set[str], odd: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    def _left_out(self, seen: set[str], odd: Mapping[str, tuple[int, str]]) -> Iterator[tuple[str, str]]:
         """Yield which columns are left out, and why.
 
-        seen: those with numbers, and the clock. odd: of those with other text its first cell and line.
+        seen: those with numbers, and the clock. odd: of those with other text the line of its first cell, and the cell.
         """
         for k, name in enumerate(self._names, start=1):
             if name in odd and name in seen:
-                yield name, f"in part, from {odd[name]} on: an import refuses what is no number; mend or blank it"
+                line, cell = odd[name]
+                where = f"{cell.removesuffix(UNCLEAR)!r} in line {line}"
+                yield name, f"in part, from {where} on: an import refuses what is no number; mend or blank it"
             elif name in odd:
-                yield name, "text"
+                yield name, f"numbers with a sign that {MAY_BE_EITHER}" if is_unclear(odd[name][1]) else "text"
             elif name not in seen and name != f"#{k}":
                 yield name, "blank in all rows"
 
@@ -97,11 +117,24 @@ class Table:
         if (said := f"{self._path.name}: {what}") not in self.notes:
             self.notes.append(said)
 
+    def _usual_decimal_sign(self) -> str:
+        """Return the sign before decimals, "" where numbers have signs and none says it."""
+        usual = usual_decimal_sign(cells_of(self._path, *line, self._delimiter) for line in self._lines_with(_SIGN))
+        if usual is None or (
+            self._delimiter == "," and not usual and next(self._lines_with(_QUOTED_COMMA), None) is None
+        ):
+            return "."
+        return usual
+
+    def _lines_with(self, mark: re.Pattern[str]) -> Iterator[tuple[int, str]]:
+        lines = numbered_lines(self._path, [])
+        return ((k, text) for k, text in lines if k > self._header and mark.search(text) and not is_comment(text))
+
     def _lines(self) -> Iterator[Line]:
         for k, text in numbered_lines(self._path, self.notes):
             if k <= self._header or not text.strip() or is_comment(text):
                 continue
-            cells = cells_of(self._path, k, text, self._delimiter, self._decimal_comma)
+            cells = with_points(cells_of(self._path, k, text, self._delimiter), self._decimal)
             if len(cells) == len(self._names) + 1 and not cells[-1]:  # a delimiter at the end
                 cells.pop()
             if len(cells) < len(self._names) and not text.endswith(("\n", "\r")):

@@ -163,10 +163,37 @@ def test_what_is_left_out_and_why(tmp_path):
     }
 
 
-def test_commas_between_thousands_are_no_decimal_commas(tmp_path):
-    recording = open_recording(written(tmp_path, 't,left\n"0","1,234"\n"1","2,345"\n'))
-    assert survey(recording, Clock("t")) == {}
-    assert recording.left_out == {"left": "text"}
+@pytest.mark.parametrize(
+    ("text", "count"),
+    [
+        ("t;left;x\n0,000;250.000;-33,961\n1,960;256.221;-33,962\n", 256221.0),
+        ("t;left;x\n0,00;0;1.234.567,5\n1,96;-1.256.221;0\n", -1256221.0),
+        ("t;left;x\n0.000;1;-33.961\n1.960;1,376;-33.962\n", 1376.0),
+        ("t\tleft\tx\n0.000\t1\t-33.961\n1.960\t1,376\t-33.962\n", 1376.0),
+        ('t,left,x\n0.000,"0",-33.961\n1.960,"199,082",7\n', 199082.0),
+        ("t;left;x\n" + "1;2;3\n" * 300 + "2;1.376;1,5\n", 1376.0),
+        ("t,left,x\n1,1.250,1.125\n2,1.376,1.126\n", 1.376),
+    ],
+)
+def test_the_sign_before_decimals_is_that_of_the_file_and_the_other_one_is_between_thousands(tmp_path, text, count):
+    assert read(written(tmp_path, text), "left", Clock(period=1.0))[-1][1] == count
+
+
+@pytest.mark.parametrize(
+    ("text", "cell"),
+    [
+        ('t,left\n"0","1,234"\n"1","2,345"\n', "1,234"),
+        ("t;left\n980;999\n1.000;1.001\n", "1.001"),
+        ("t;left\n0;1,376\n1;1,377\n", "1,376"),
+        ("t;x;left\n0,00;0,5;1.25\n0,02;0,6;1.250\n", "1.25"),
+    ],
+)
+def test_a_number_is_refused_whose_sign_may_be_before_decimals_or_between_thousands(tmp_path, text, cell):
+    recording = open_recording(written(tmp_path, text))
+    with pytest.raises(InputError, match=rf"'left': '{cell}' has a sign that may stand before decimals or between"):
+        list(recording.readings(frozenset(["left"]), Clock(period=1.0)))
+    survey(recording, Clock(period=1.0))
+    assert "may stand before decimals" in recording.left_out["left"] or "in part" in recording.left_out["left"]
 
 
 def test_columns_of_one_name_and_of_none_are_told_apart(tmp_path):
