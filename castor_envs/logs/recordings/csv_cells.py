@@ -59,17 +59,18 @@ def is_blank(cell: str) -> bool:
     return cell.lower() in _BLANK
 
 
-def date(cell: str) -> int | None:
+def date(cell: str, month_first: bool = False) -> int | None:
     """Return a date as ns since 1970, to the microsecond, UTC where it names no zone; None of any other text.
 
-    As ISO 8601 writes it, with slashes or dots for dashes, or with the year last: then the day is before the month, or
-    behind it where it can be no month (see `says_no_order`). Without a time of day it is midnight.
+    As ISO 8601 writes it, with slashes or dots for dashes, or with the year last: then the day is before the month, but
+    with slashes and dashes behind it if `month_first`, or where only that makes a date. Without a time of day it is
+    midnight.
     """
     found = _DATE.fullmatch(cell)
     if found is None:
         return None
     year, month, day = (found[part] or found[part.upper()] for part in "ymd")
-    if found["BY"] in ("/", "-") and int(month) > MONTHS:
+    if found["BY"] in ("/", "-") and (int(month) > MONTHS or (month_first and int(day) <= MONTHS)):
         month, day = day, month
     hour = ""
     if found["h"]:
@@ -100,16 +101,35 @@ def _hour(number: str, half: str | None) -> int | None:
     return hour % HALF_DAY + HALF_DAY * (half in "Pp") if 1 <= hour <= HALF_DAY else None
 
 
+def tells_month_first(cells: Iterable[str]) -> bool | None:
+    """Return whether in dates with the year last, and no dots, the month comes first: one of them says it by a number
+    that is no month, or else they lie closer together so; None where nothing says it."""
+    seen: set[tuple[int, int, int]] = set()
+    for cell in cells:
+        found = _DATE.fullmatch(cell)
+        if found is None or found["BY"] not in ("/", "-"):
+            continue
+        first, second, year = int(found["D"]), int(found["M"]), int(found["Y"])
+        if max(first, second) > MONTHS:
+            return second > MONTHS
+        seen.add((year, first, second))
+    by_month = [datetime(year, first, second).toordinal() for year, first, second in seen]
+    by_day = [datetime(year, second, first).toordinal() for year, first, second in seen]
+    spans = [max(days, default=0) - min(days, default=0) for days in (by_month, by_day)]
+    return None if spans[0] == spans[1] else spans[0] < spans[1]
+
+
 def says_no_order(cell: str) -> bool:
-    """Return whether a cell is a date, with no dots, of which nothing says whether day or month comes first."""
+    """Return whether a cell is a date, with the year last and no dots, of which it needs others to say what is the
+    month, see `tells_month_first`."""
     found = _DATE.fullmatch(cell)
-    return found is not None and found["BY"] in ("/", "-") and max(int(found["D"]), int(found["M"])) <= MONTHS
+    return found is not None and found["BY"] in ("/", "-")
 
 
-def moment(cell: str) -> float | None:
+def moment(cell: str, month_first: bool = False) -> float | None:
     """Return what a cell says of when something was: a number; a date or a time of day as ns; None of other text."""
     value = value_of(cell)
-    value = date(cell) if value is None else value
+    value = date(cell, month_first) if value is None else value
     return time_of_day(cell) if value is None else value
 
 

@@ -14,7 +14,15 @@ import numpy as np
 
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.recordings.csv_cells import check_clear, is_day, is_number, moment, time_of_day, value_of
+from castor_envs.logs.recordings.csv_cells import (
+    check_clear,
+    is_day,
+    is_number,
+    moment,
+    tells_month_first,
+    time_of_day,
+    value_of,
+)
 from castor_envs.logs.recordings.recording import UNITS, Clock, TimeUnit, nanoseconds
 from castor_envs.logs.table import Line, number
 from castor_envs.logs.unit_words import TIMES
@@ -79,7 +87,12 @@ def clock_of(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Clock:
 
 
 class RowTimes:
-    """When the rows of a table were taken by a clock, row after row; raises InputError for a clock it has not."""
+    """When the rows of a table were taken by a clock, row after row; raises InputError for a clock it has not.
+
+    month_first: of dates with the year last.
+    """
+
+    month_first = False
 
     def __init__(self, path: Path, names: Sequence[str], clock: Clock) -> None:
         if clock.time is None and clock.period is None:
@@ -106,7 +119,7 @@ class RowTimes:
 
     def _part(self, line: Line, name: str, at: int, unit: TimeUnit) -> int:
         cell = line.cells[at]
-        if not is_number(cell) and (read := moment(cell)) is not None:
+        if not is_number(cell) and (read := moment(cell, self.month_first)) is not None:
             return round(read)
         check_clear(self._path, line.number, name, cell)
         return nanoseconds(number(self._path, line.number, name, cell), unit, f"{self._path}:{line.number}")
@@ -126,7 +139,8 @@ def _sums(rows: Sequence[Sequence[str]], sec: int, nanosec: int) -> list[float]:
 
 def _moments(cells: Sequence[str]) -> list[float]:
     """Return times as numbers, of dates and of times of day in ns; times of day go on past midnight."""
-    times = np.array([moment(cell) or 0.0 for cell in cells])
+    month_first = bool(tells_month_first(cells))
+    times = np.array([moment(cell, month_first) or 0.0 for cell in cells])
     if cells and all(time_of_day(cell) is not None for cell in cells):
         times = np.unwrap(times, period=DAY)
     return times.tolist()

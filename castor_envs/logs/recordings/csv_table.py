@@ -4,8 +4,9 @@ The header is the line before the first row of numbers, or the one before that w
 end with: ``left [deg]``. Lines above it are left alone, and so is what begins with ``#``, unless it alone has the
 names. A name that stands twice gets its place (``X``, ``X #2``), a column without a name too (``#3``). Cells are
 separated by commas, semicolons, tabs, bars or blanks, whichever makes most of them numbers. Numbers may have a decimal
-comma, between commas in quotes, and the sign that is not before decimals between thousands. A blank cell, or ``NA``, ``NULL`` or ``-``, is no reading, so one file may hold several
-rates. What is the time, and how it may be written: `csv_clock`.
+comma, between commas in quotes, and between thousands the sign that is not before decimals. A blank cell, or ``NA``,
+``NULL`` or ``-``, is no reading, so one file may hold several rates. What is the time, and how it may be written:
+`csv_clock`.
 """
 
 import itertools
@@ -22,6 +23,7 @@ from castor_envs.logs.recordings.csv_cells import (
     is_number,
     is_unclear,
     says_no_order,
+    tells_month_first,
     usual_decimal_sign,
     value_of,
     with_points,
@@ -64,15 +66,23 @@ class Table:
         """Return the clock, see `clock_of`."""
         rows = [line.cells for line in itertools.islice(self._lines(), 1000)]
         clock = clock_of(self._names, rows)
-        columns = RowTimes(self._path, self._names, clock).columns
-        for name, cell in zip(self._names, rows[0] if rows else (), strict=False):
-            if name in columns and says_no_order(cell):
-                self._say(f"dates such as {cell!r} are read with the day before the month; past midnight that matters")
+        self._row_times(clock)  # which may have something to say
         return clock
+
+    def _row_times(self, clock: Clock) -> RowTimes:
+        times = RowTimes(self._path, self._names, clock)
+        first = next(self._lines(), None)
+        for k, cell in enumerate([] if first is None else first.cells):
+            if self._names[k] in times.columns and says_no_order(cell):
+                told = tells_month_first(line.cells[k] for line in self._lines())
+                times.month_first = bool(told)
+                if told is None:
+                    self._say(f"dates such as {cell!r} are read with the day before the month, as nothing says which")
+        return times
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
-        times = RowTimes(self._path, self._names, clock)
+        times = self._row_times(clock)
         taken = [
             (k, n) for k, n in enumerate(self._names) if n not in times.columns and (channels is None or n in channels)
         ]
