@@ -91,6 +91,14 @@ def test_rows_without_times_are_no_log_before_somebody_says_their_period(tmp_pat
     assert code == 0
     last = printed.splitlines()[-1]
     assert last.startswith("next: edit map.json: give the time between rows, 's', as 'period', or a column as 'time'")
+    code, _, problem = call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")
+    assert code == 2
+    assert "map.json: sources.main.period: is still '?'; give the time between rows, s, or" in problem
+    made = Path("map.json").read_text()
+    Path("map.json").write_text(made.replace('"period": "?"', '"period": 0.02'))
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")
+    assert code == 0
+    assert "3 rows in 0.0 s" in printed
 
 
 def test_names_in_a_recording_do_not_reach_the_terminal_as_they_are(tmp_path, capsys, monkeypatch):
@@ -306,6 +314,7 @@ def test_a_trajectory_alone_is_the_reference_of_another_recording(tmp_path, caps
     by = json.loads(Path("map.json").read_text())
     for part in ("sources", "columns"):
         for line in (line for line in printed.splitlines() if line.startswith(f"  {part}: ")):
+            line = line.replace('"period": "?"', '"period": 0.1')  # of KITTI text, whose times stand in no file here
             by[part] |= json.loads("{" + line.removeprefix(f"  {part}: ") + "}")
     Path("map.json").write_text(json.dumps(by))
     assert call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")[0] == 0

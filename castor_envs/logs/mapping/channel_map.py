@@ -17,9 +17,13 @@ from castor_envs.vehicles.robot import RobotDescription
 
 FORMAT = "castor-map/1"
 UNDECIDED = "?"
-"""The channel of a column for which no channel was guessed."""
+"""The channel of a column for which no channel was guessed, and the period of rows without times."""
+
+LONGEST_PERIOD = 1e6
+"""s, between rows: some twelve days."""
 
 _Text = Annotated[str, Field(min_length=1)]
+_Period = Annotated[float, Field(gt=0, le=LONGEST_PERIOD)]
 
 
 def _unless(default: Any) -> Any:
@@ -37,6 +41,14 @@ def _one_or_four(given: Any) -> Any:
     return given if isinstance(given, str) else tuple(given)
 
 
+def _period(given: Any) -> Any:
+    """Return what is given as a period; raises ValueError, in words of the file, for what is none and not
+    `UNDECIDED`."""
+    if given in (None, UNDECIDED) or (type(given) in (int, float) and 0 < given <= LONGEST_PERIOD):
+        return given
+    raise ValueError(f"Input should be more than 0 and at most {LONGEST_PERIOD:g} s, or {UNDECIDED!r} in a first map")
+
+
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Source:
     """Where readings come from.
@@ -45,24 +57,25 @@ class Source:
     clock: "header" or "receive" of ROS messages, a CSV file's column of times (or two, as in "sec + nanosec" and in
     "date + time"), a file of times for KITTI text. unit: of such a column or file;
     left out it is s, or what the recording says where `time` is left out too. period: s, between rows without
-    times. offset: s, added to all times, so that clocks of two computers agree.
+    times, `UNDECIDED` in a first map. offset: s, added to all times, so that clocks of two computers agree.
     """
 
     file: _Text | None = _unless(None)
     time: _Text | None = _unless(None)
     unit: TimeUnit | None = _unless(None)
-    period: Annotated[float, Field(gt=0, le=1e6)] | None = _unless(None)
+    period: Annotated[_Period | Literal["?"] | None, BeforeValidator(_period)] = _unless(None)
     offset: Annotated[float, Field(ge=-1e10, le=1e10)] = 0.0
 
     @property
     def clock(self) -> Clock:
         """The clock of the readings, before the offset."""
-        return Clock(self.time, self.unit or "s", self.period)
+        return Clock(self.time, self.unit or "s", None if self.period == UNDECIDED else self.period)
 
     @classmethod
     def of(cls, clock: Clock, file: str | None = None) -> "Source":
-        """Return the source with a clock."""
-        return cls(file=file, time=clock.time, unit=None if clock.unit == "s" else clock.unit, period=clock.period)
+        """Return the source with a clock; a period is for people to give."""
+        unit, period = None if clock.unit == "s" else clock.unit, None if clock.period is None else UNDECIDED
+        return cls(file=file, time=clock.time, unit=unit, period=period)
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -124,6 +137,10 @@ class ChannelMap:
     def check(self, robot: RobotDescription, name: str = "map") -> None:
         """Raise InputError, which calls the map `name`, unless it says what the robot's log needs, in fitting units."""
         columns = LogColumns.of(robot)
+        for key, source in self.sources.items():
+            if source.period == UNDECIDED:
+                still = f"is still {UNDECIDED!r}; give the time between rows, s, or in its place a column as 'time'"
+                raise InputError(f"{name}: sources.{key}.period: {still}")
         for key, column in self.columns.items():
             place = f"{name}: columns.{key}"
             made = {*columns.t, *columns.fix_age}  # from the times of readings

@@ -18,6 +18,10 @@ _DATE = re.compile(
     rf"(?:[T ] *(?P<h>\d\d?)(?P<rest>:.*?){_HALF})?"
 )
 _TIME_OF_DAY = re.compile(rf"(\d{{1,3}}):([0-5]\d):([0-5]\d)(?:[.,](\d+))?{_HALF}")
+_MINUTES = re.compile(r"(\d{1,3}):([0-5]\d)[.,](\d+)")
+DAY, HOUR = 86_400 * 10**9, 3600 * 10**9
+"""ns."""
+
 _BY = {
     decimal: re.compile(
         rf"(?=.*\d)[+-]?(?:\d+|[1-9]\d{{0,2}}(?:\{between}\d{{3}})+)?(?:\{decimal}\d*)?(?:[eE][+-]?\d+)?"
@@ -85,11 +89,19 @@ def date(cell: str, month_first: bool = False) -> int | None:
 
 
 def time_of_day(cell: str) -> int | None:
-    """Return a time such as ``12:00:01.5`` or ``12:00:01 AM`` as ns since midnight; None of any other text."""
+    """Return a time such as ``12:00:01.5`` or ``12:00:01 AM`` as ns since midnight, or ``30:01.5`` since the last hour;
+    None of any other text."""
+    if found := _MINUTES.fullmatch(cell):
+        return (int(found[1]) * 60 + int(found[2])) * 10**9 + int(f"{found[3]:0<9.9}")
     found = _TIME_OF_DAY.fullmatch(cell)
     if found is None or (hours := _hour(found[1], found["half"])) is None:
         return None
     return ((hours * 60 + int(found[2])) * 60 + int(found[3])) * 10**9 + int(f"{found[4] or '0':0<9.9}")
+
+
+def clock_turn(cell: str) -> int | None:
+    """Return after how many ns the clock of a time of day is at 0 again; None of what is no time of day."""
+    return None if time_of_day(cell) is None else HOUR if _MINUTES.fullmatch(cell) else DAY
 
 
 def _hour(number: str, half: str | None) -> int | None:

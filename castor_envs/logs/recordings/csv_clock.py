@@ -1,6 +1,7 @@
 """Times in a CSV file: which column holds them, in which unit, and when each row was taken.
 
-Times are numbers; dates (`csv_cells.date`); times of day, which go on past midnight; or the sum of two columns: of
+Times are numbers; dates (`csv_cells.date`); times of day, which go on past midnight, or past the hour where they have
+none; or the sum of two columns: of
 whole seconds and of nanoseconds as of ROS, ``stamp.sec + stamp.nanosec``, or of a date and of a time of day,
 ``date + time``.
 """
@@ -15,12 +16,13 @@ import numpy as np
 from castor_envs.errors import InputError, did_you_mean
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.recordings.csv_cells import (
+    DAY,
     check_clear,
+    clock_turn,
     is_day,
     is_number,
     moment,
     tells_month_first,
-    time_of_day,
     value_of,
 )
 from castor_envs.logs.recordings.recording import UNITS, Clock, TimeUnit, nanoseconds
@@ -30,8 +32,8 @@ from castor_envs.logs.unit_words import TIMES
 PLUS = " + "
 """Between the names of two columns whose sum is the clock."""
 
-DAY = 86_400 * 10**9
-"""ns."""
+SERIAL_DAYS, LONGEST_STEP = (32_874, 73_051), 1e-4
+"""Days since 1899-12-30, as of spreadsheets, of 1990 and 2100; days between rows, 9 s: as seconds they were 10 kHz."""
 
 IN_ORDER = 9
 """Steps ahead for each step back, from which a column called like a time may be the clock: not a time of a loop."""
@@ -51,7 +53,9 @@ _DIGIT = re.compile(r"\d")
 _WITH_UNIT = re.compile(rf"[\[(]({'|'.join(sorted(set().union(*TIMES.values())))})[\])]", re.IGNORECASE)
 _SEPARATOR = r"[\s_\[(/-]"
 _UNIT_SAID: dict[TimeUnit, str] = {
-    unit: rf"((^|{_SEPARATOR})({'|'.join(sorted(TIMES[unit] - {'s'}))})|{_SEPARATOR}{unit})\b" for unit in UNITS
+    unit: rf"((^|{_SEPARATOR})({'|'.join(sorted(TIMES[unit] - {'s'}))})|{_SEPARATOR}{unit})\b"
+    for unit in UNITS
+    if unit in TIMES
 }
 """What says a unit of time in a name; a lone ``s`` may be anything."""
 
@@ -73,7 +77,8 @@ def clock_of(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Clock:
     like = [k for k, name in enumerate(names) if _NAMED.fullmatch(_HUMP.sub("_", name))]
     called = [k for k in known if k in like]
     written = [k for k in known if not is_number(columns[k][0])]
-    at = next((k for k in (*called, *written) if _goes_ahead(_moments(columns[k]))), None)
+    serial = [k for k in known if k not in written and _unit(names[k], _numbers(columns[k])) == "d"]
+    at = next((k for k in (*called, *written, *serial) if _goes_ahead(_moments(columns[k]))), None)
     if at is None and any(not columns[k] and any(map(_DIGIT.search, (row[k] for row in rows))) for k in like):
         return Clock(period=1.0)  # the time is there, and what increases is something else
     if at is None:
@@ -81,9 +86,9 @@ def clock_of(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Clock:
     if at is None:
         return Clock(period=1.0)
     days = next((k for k, cells in enumerate(columns) if cells and is_day(cells[0])), None)
-    if days is not None and time_of_day(columns[at][0]) is not None:
+    if days is not None and clock_turn(columns[at][0]) == DAY:
         return Clock(names[days] + PLUS + names[at])
-    return Clock(names[at], _unit(names[at], np.array([float(cell) for cell in columns[at] if is_number(cell)])))
+    return Clock(names[at], _unit(names[at], _numbers(columns[at])))
 
 
 class RowTimes:
@@ -112,8 +117,8 @@ class RowTimes:
         if not self._parts:
             return round(row * self._period * 1e9)
         time = sum(self._part(line, *part) for part in self._parts)
-        if len(self._parts) == 1 and time_of_day(line.cells[self._parts[0][1]]) is not None:
-            time += DAY * max(round((self._last - time) / DAY), 0)  # as many days as come nearest to the row before
+        if len(self._parts) == 1 and (turn := clock_turn(line.cells[self._parts[0][1]])) is not None:
+            time += turn * max(round((self._last - time) / turn), 0)  # as many as come nearest to the row before
         self._last = time
         return time
 
@@ -137,12 +142,17 @@ def _sums(rows: Sequence[Sequence[str]], sec: int, nanosec: int) -> list[float]:
     return [s + ns / 1e9 for s, ns in parts if s is not None and ns is not None]
 
 
+def _numbers(cells: Sequence[str]) -> Array:
+    return np.array([value for cell in cells if (value := value_of(cell)) is not None])
+
+
 def _moments(cells: Sequence[str]) -> list[float]:
     """Return times as numbers, of dates and of times of day in ns; times of day go on past midnight."""
     month_first = bool(tells_month_first(cells))
     times = np.array([moment(cell, month_first) or 0.0 for cell in cells])
-    if cells and all(time_of_day(cell) is not None for cell in cells):
-        times = np.unwrap(times, period=DAY)
+    turns = {clock_turn(cell) for cell in cells}
+    if len(turns) == 1 and (turn := turns.pop()) is not None:
+        times = np.unwrap(times, period=turn)
     return times.tolist()
 
 
@@ -168,10 +178,13 @@ def _rises(cells: Sequence[str]) -> bool:
 
 
 def _unit(name: str, times: Array) -> TimeUnit:
-    """Return the unit of time that a column's name says; of no word, that which makes 1 us to 10 s of its steps."""
+    """Return the unit of time that a column's name says; of no word, that which makes 1 us to 10 s of its steps, or
+    days as spreadsheets count them."""
     for unit, pattern in _UNIT_SAID.items():
         if re.search(pattern, _HUMP.sub("_", name), re.IGNORECASE):
             return unit
     steps = np.diff(times[np.isfinite(times)])
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else math.nan
+    if step < LONGEST_STEP and SERIAL_DAYS[0] < times[0] < SERIAL_DAYS[1]:
+        return "d"
     return "ns" if step >= 1e6 else "us" if step >= 1e3 else "ms" if step >= 2 else "s"

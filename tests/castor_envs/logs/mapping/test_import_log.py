@@ -412,6 +412,13 @@ def test_a_wrong_map_is_refused_by_its_place(tmp_path, change, words):
         ({"format": "castor-map/1", "columns": {}, "sources": {"main": {"unit": "h"}}}, ["sources.main.unit", "'h'"]),
         *(
             (
+                {"format": "castor-map/1", "columns": {}, "sources": {"main": {"period": given}}},
+                ["sources.main.period: Input should be more than 0 and at most 1e+06 s, or '?'"],
+            )
+            for given in (0, -0.1, 1e7, "0.1", True, [0.1])
+        ),
+        *(
+            (
                 {"format": "castor-map/1", "columns": {"a": {"channel": given, "unit": "rad"}}},
                 ["columns.a.channel: Input"],
             )
