@@ -20,8 +20,11 @@ from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind
 from castor_envs.logs.pose_rows import with_reference
 from castor_envs.logs.recordings import open_recording
 from castor_envs.logs.recordings.recording import Clock, Recording, Series, heading_of, survey
-from castor_envs.logs.reference import TimedPoses
+from castor_envs.logs.reference import GAP, TimedPoses
 from castor_envs.vehicles.robot import RobotDescription
+
+GAP_STEPS = 10
+"""Usual steps between rows: a longer one is a gap, where it is too long to be bridged as well (`GAP`)."""
 
 ROUNDED = 1e-3
 """Part by which a counter may reach beyond where it wraps: 6.28 is given for a turn."""
@@ -222,7 +225,19 @@ def _rows(counts: Mapping[str, Track], gyro: Track | None, notes: list[str]) -> 
         inner = ~known & (t > t[rows][0]) & (t < t[rows][-1])
         if inner.any():
             notes.append(f"{key}: no reading near {inner.sum()} of {len(t)} rows, which are left out")
+    if not any(track.held for track in counts.values()):
+        notes += _gap_notes(t[rows])
     return t[rows]
+
+
+def _gap_notes(t: Array) -> Iterator[str]:
+    """Yield a note on the longest gap between rows at times t (K,), s, and how many there are; nothing without any."""
+    steps = np.diff(t)
+    gaps = np.flatnonzero(steps > max(GAP_STEPS * float(np.median(steps)), GAP))
+    if len(gaps):
+        k, more = int(np.argmax(steps)), f", the longest of {len(gaps)} gaps" if len(gaps) > 1 else ""
+        said = f"none for {steps[k]:.3g} s after {t[k] - t[0]:.3f} s of the log{more}"
+        yield f"rows: {said}: was the recording interrupted, or is it damaged?"
 
 
 def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t: Array) -> TimedPoses | None:

@@ -7,6 +7,7 @@ value stays until the next one. Times are those of the records, us.
 Format: https://github.com/wpilibsuite/allwpilib/blob/main/wpiutil/doc/datalog.adoc; structs: the same, struct.adoc.
 """
 
+import itertools
 import mmap
 import struct
 from collections.abc import Callable, Generator, Iterator
@@ -30,7 +31,8 @@ STRUCTS = {
 }
 """The doubles of structs of WPILib's geometry and kinematics, in their order; m, rad, s."""
 
-_MAGIC = b"WPILOG"
+_MAGIC, _HEADER = b"WPILOG", 12
+"""How a data log begins; bytes of it before a text as long as the last four say, and the records."""
 
 
 def _is_wpilog(path: Path) -> bool:
@@ -87,10 +89,34 @@ class DataLog:
             reader = DataLogReader(content, str(self._path))
             if not reader.isValid():
                 raise InputError(f"{self._path}: is a damaged data log; copy it from the robot again")
+            count, end = _whole_records(content)
             try:
-                yield from reader
+                yield from itertools.islice(reader, count)
             finally:
                 del reader  # which holds the mapped file open
+            lost = f"the last {len(content) - end} of its {len(content)} bytes are no records, and left out"
+            if end < len(content) and (said := f"{self._path.name}: is cut off or damaged: {lost}") not in self.notes:
+                self.notes.append(said)
+
+
+def _whole_records(content: mmap.mmap) -> tuple[int, int]:
+    """Return how many records a data log holds before the first that its end cuts, or that is of no entry, since the
+    file is damaged there; and where they end, bytes. (The reader gives the last record before a cut twice.)"""
+
+    def number(first: int, width: int) -> int:
+        return int.from_bytes(content[first : first + width], "little")
+
+    count, at, started = 0, _HEADER + number(_HEADER - 4, 4), {0}  # 0: of what starts and ends entries
+    while at < len(content):
+        widths = 1 + (content[at] & 3), 1 + (content[at] >> 2 & 3), 1 + (content[at] >> 4 & 7)
+        entry, data = number(at + 1, widths[0]), at + 1 + sum(widths)
+        after = data + number(at + 1 + widths[0], widths[1])
+        if after > len(content) or entry not in started:
+            break
+        if entry == 0 and number(data, 1) == 0:
+            started.add(number(data + 1, 4))
+        count, at = count + 1, after
+    return count, at
 
 
 def _decoder(name: str, kind: str) -> Callable[[Any], Iterator[tuple[str, float]]] | None:

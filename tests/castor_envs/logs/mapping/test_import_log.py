@@ -322,6 +322,24 @@ def test_readings_that_are_missing_or_no_numbers_are_left_out_and_said(tmp_path)
     assert len(imported.log) == 96
 
 
+@pytest.mark.parametrize(
+    ("gone", "said"),
+    [
+        ([(0.49, 1.01)], "rows: none for 0.54 s after 0.480 s of the log: was the recording interrupted"),
+        (
+            [(0.09, 0.29), (0.49, 1.01)],
+            "rows: none for 0.54 s after 0.480 s of the log, the longest of 2 gaps: was the",
+        ),
+        ([(0.49, 0.61)], None),
+    ],
+)
+def test_a_gap_in_the_counts_is_said(tmp_path, gone, said):
+    kept = ~np.any([(start < T) & (end > T) for start, end in gone], axis=0)
+    path = table(tmp_path / "run.csv", t=T[kept], wheel_1l=ANGLE[kept], wheel_1r=ANGLE[kept])
+    notes = [note for note in import_log(path, ROBOT, mapped(WHEELS)).notes if note.startswith("rows: none")]
+    assert [note.startswith(said or "-") for note in notes] == ([] if said is None else [True])
+
+
 def test_entries_that_are_written_when_they_change_hold_in_between(tmp_path, write_wpilog):
     """The left wheel stands for a second, and is not written; both are written 30 us apart in each cycle of 20 ms."""
     pytest.importorskip("wpiutil", reason="WPILib's reader is not installed: pip install robotpy-wpiutil")

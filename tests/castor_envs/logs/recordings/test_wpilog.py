@@ -77,10 +77,26 @@ def test_a_survey_leaves_out_texts_and_unknown_structs_and_says_so(log):
     }
 
 
-def test_a_log_that_was_cut_off_is_read_to_its_last_whole_record(log):
-    log.write_bytes(log.read_bytes()[:-3])
-    readings = open_recording(log).readings(frozenset(["NT:/left"]), Clock())
-    assert [reading.value for reading in readings] == [1.5]
+@pytest.mark.parametrize(("cut", "values"), [(1, [1.5]), (3, [1.5]), (10, [1.5])])
+def test_a_log_that_was_cut_off_is_read_to_its_last_whole_record_which_is_read_once(log, cut, values):
+    log.write_bytes(log.read_bytes()[:-cut])
+    for _ in range(2):
+        recording = open_recording(log)
+        for channel, found in (("NT:/left", values), ("NT:/pose3d.x", [1.0])):
+            assert [r.value for r in recording.readings(frozenset([channel]), Clock())] == found
+        (note,) = recording.notes
+        assert "FRC_1.wpilog: is cut off or damaged: the last" in note
+
+
+def test_a_damaged_log_is_read_to_the_first_record_of_no_entry(log, write_wpilog):
+    whole = log.read_bytes()
+    log.write_bytes(write_wpilog(ENTRIES, [*RECORDS[:2], (99, 1_030_000, bytes(50)), *RECORDS[2:]]))
+    recording = open_recording(log)
+    assert [reading.value for reading in recording.readings(frozenset(["NT:/left"]), Clock())] == [1.5]
+    assert "are no records, and left out" in recording.notes[0]
+    log.write_bytes(whole)
+    assert len(list((recording := open_recording(log)).readings(frozenset(["NT:/left"]), Clock()))) == 2
+    assert recording.notes == []
 
 
 def test_reading_may_stop_anywhere(log):
