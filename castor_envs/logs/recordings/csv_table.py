@@ -11,7 +11,8 @@ comma, between commas in quotes, and between thousands the sign that is not befo
 
 import itertools
 import re
-from collections.abc import Generator, Iterator, Mapping
+from collections import deque
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from pathlib import Path
 
 from castor_envs.logs.recordings.csv_cells import (
@@ -33,6 +34,9 @@ from castor_envs.logs.recordings.csv_layout import head_of, layout_of
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat
 from castor_envs.logs.recordings.text_lines import first_row, is_comment, numbered_lines
 from castor_envs.logs.table import Line, complaint
+
+BEFORE, BREAK = 10, 10.0
+"""Rows before the last one, and their largest step in size, by which a last number without a line end is judged."""
 
 _SIGN, _QUOTED_COMMA = re.compile("[.,]"), re.compile(r'"[^"]*,\d[^"]*"')
 """What may be before decimals or between thousands; between cells with commas only a comma in quotes may."""
@@ -141,19 +145,33 @@ class Table:
         return ((k, text) for k, text in lines if k > self._header and mark.search(text) and not is_comment(text))
 
     def _lines(self) -> Iterator[Line]:
+        before: deque[str] = deque(maxlen=BEFORE)  # the last cells of rows
         for k, text in numbered_lines(self._path, self.notes):
             if k <= self._header or not text.strip() or is_comment(text):
                 continue
             cells = with_points(cells_of(self._path, k, text, self._delimiter), self._decimal)
             if len(cells) == len(self._names) + 1 and not cells[-1]:  # a delimiter at the end
                 cells.pop()
-            if len(cells) < len(self._names) and not text.endswith(("\n", "\r")):
+            unended, missing = not text.endswith(("\n", "\r")), len(cells) < len(self._names)
+            if unended and (missing or _lacks_its_end(cells[-1], before)):
                 self._say(f"line {k}, the last, is cut off, and left out")
                 break
             if len(cells) != len(self._names):
                 problem = f"has {len(cells)} cells, the header {len(self._names)}; mend or remove the line"
                 raise complaint(self._path, k, None, problem)
+            before.append(cells[-1])
             yield Line(k, cells)
+
+
+def _lacks_its_end(cell: str, before: Iterable[str]) -> bool:
+    """Return whether a number, where a file ends, is cut off: it is shorter than the last one of the rows before, and
+    further from that than `BREAK` of their steps."""
+    numbers = [(len(other), value) for other in before if (value := value_of(other)) is not None]
+    value = value_of(cell)
+    if value is None or len(numbers) < 2 or len(cell) >= numbers[-1][0]:
+        return False
+    steps = [abs(number - last) for (_, last), (_, number) in itertools.pairwise(numbers)]
+    return abs(value - numbers[-1][1]) > BREAK * max(steps)
 
 
 FORMAT = RecordingFormat("CSV file (.csv, .tsv, .txt)", _is_table, Table)

@@ -307,6 +307,29 @@ def test_a_last_line_that_is_cut_off_is_left_out_with_a_note(tmp_path):
         survey(open_recording(written(tmp_path, "t,left,right\n0,1,1\n1,2,2\n2,\n")), Clock("t"))
 
 
+@pytest.mark.parametrize(
+    ("cells", "cut"),
+    [
+        (["139880", "139920", "139960", "139"], True),
+        (["-13.25", "-13.5", "-13.75", "-1"], True),
+        (["7", "7", "", "12.5", "12.625", "12"], False),
+        (["139880", "139920", "139960", "140000"], False),
+        (["12", "11", "10", "9"], False),
+        (["1.5", "1.625", "1.75", "2"], False),
+        (["139880", "139"], False),
+        (["AUTO", "AUTO", "AU"], False),
+    ],
+)
+def test_a_last_number_without_a_line_end_is_cut_off_where_it_breaks_from_those_before(tmp_path, cells, cut):
+    text = "t,left,right\n" + "\n".join(f"{k},{k},{cell}" for k, cell in enumerate(cells))
+    recording = open_recording(written(tmp_path, text))
+    assert survey(recording, Clock("t"))["left"].count == len(cells) - cut
+    assert recording.notes == [f"run.csv: line {len(cells) + 1}, the last, is cut off, and left out"] * cut
+    whole = open_recording(written(tmp_path, text + "\n"))
+    assert survey(whole, Clock("t"))["left"].count == len(cells)
+    assert whole.notes == []
+
+
 @pytest.mark.parametrize("unit", ["s", "ms", "us", "ns"])
 def test_times_of_tum_text_since_1970_are_in_the_unit_that_makes_them_near(tmp_path, unit):
     times = [round((1_700_000_000 + k) * {"s": 1, "ms": 1e3, "us": 1e6, "ns": 1e9}[unit]) for k in range(3)]
