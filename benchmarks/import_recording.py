@@ -1,7 +1,9 @@
 """The command that makes logs of measurements: of published data, or of a recording of one's own robot."""
 
 import json
+import math
 import shlex
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +23,9 @@ from castor_envs.vehicles.robot import RobotDescription
 
 PUBLISHED, LOG, MAP = Path("measured"), Path("log.csv"), Path("map.json")
 """Where things go unless told: the folder of published data, a log, a map to edit."""
+
+DIGITS = 5
+"""Of the lowest and the highest value of a channel."""
 
 LONGEST = 400
 """Characters of a line that lists what is left out."""
@@ -185,9 +190,17 @@ def _print_channels(source: Path, recording: Recording, clock: Clock, found: Map
     print(f"{'channel':{width}}  readings  a second      lowest     highest")
     for name, text in shown.items():
         channel = found[name]
-        print(f"{text:{width}}  {channel.count:8}  {channel.rate:8.4g}  {channel.low:10.5g}  {channel.high:10.5g}")
+        low, high = (f"{value:10.{_digits(channel)}g}" for value in (channel.low, channel.high))
+        print(f"{text:{width}}  {channel.count:8}  {channel.rate:8.4g}  {low}  {high}")
     for line in (*left_out, *(f"note: {note}" for note in recording.notes)):
         print(shortened(line, LONGEST))
+
+
+def _digits(channel: Found) -> int:
+    """Return how many digits show the range of a channel's values: `DIGITS`, and those that both ends share."""
+    apart, size = channel.high - channel.low, max(abs(channel.low), abs(channel.high))
+    agree = math.floor(math.log10(size / apart)) if 0 < apart < size else 0
+    return min(DIGITS + agree, sys.float_info.dig)
 
 
 def _left_out(recording: Recording) -> list[str]:

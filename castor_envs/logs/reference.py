@@ -15,6 +15,10 @@ from castor_envs.geometry.arrays import Array, Numbers
 GAP = 0.1
 """s: the longest gap between readings that is bridged in its middle; up to 10 readings a second are needed."""
 
+FARTHEST = 1e3
+"""m: how far from its origin a reference may be to be diagnosed: patches and cables are searched on a grid of
+centimetres from the origin to the robot, which must stay small."""
+
 
 class ReferenceNoise(NamedTuple):
     """Standard deviations of a tracker's poses: of x and y each, m, and of psi, rad."""

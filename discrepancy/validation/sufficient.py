@@ -8,6 +8,7 @@ import numpy as np
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import FARTHEST
 from castor_envs.motion.mobility import Mobility
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.parity import BLIND
@@ -15,9 +16,8 @@ from discrepancy.validation.parity import BLIND
 SHORT, FEWEST_ROWS = 10.0, 10
 """s: a shorter log shows hardly anything; least number of rows with which noise can be distinguished from motion."""
 
-FARTHEST, MOVED = 1e3, 0.05
-"""m: patches and cables are searched on a grid of centimetres from the origin to the robot, which must stay small.
-m and rad: a reference that ranges further has moved, as no tracker is so noisy."""
+MOVED = 0.05
+"""m and rad: a reference that ranges further has moved, as no tracker is so noisy."""
 
 UNSEEN = (
     "the encoders of robot {!r} do not determine its motion: they and wheels that do not slip sideways hold {} of its "

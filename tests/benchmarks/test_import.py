@@ -84,6 +84,21 @@ def test_a_reference_is_told_as_one_beside_the_map_of_its_recording(tmp_path, ca
     assert "--map map.json" not in printed
 
 
+def test_ranges_are_shown_with_the_digits_in_which_lowest_and_highest_differ(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{k},{5411000.2 + k},{0.125 * k},7,{1e9 + 1e-6 * k}\n" for k in range(3))
+    Path("run.csv").write_text("t,north,left,flat,odd\n" + rows)
+    code, printed, _ = call(capsys, "import", "run.csv")
+    assert code == 0
+    shown = {line.split()[0]: line.split()[-2:] for line in printed.splitlines()[2:6]}
+    assert shown == {
+        "flat": ["7", "7"],
+        "left": ["0", "0.25"],
+        "north": ["5411000.2", "5411002.2"],
+        "odd": ["1000000000", "1000000000"],
+    }
+
+
 def test_rows_without_times_are_no_log_before_somebody_says_their_period(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("run.csv").write_text("left_ticks,right_ticks\n0,0\n1,2\n2,4\n")

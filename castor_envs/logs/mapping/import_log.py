@@ -20,7 +20,7 @@ from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind
 from castor_envs.logs.pose_rows import with_reference
 from castor_envs.logs.recordings import open_recording
 from castor_envs.logs.recordings.recording import Clock, Recording, Series, heading_of, survey
-from castor_envs.logs.reference import GAP, TimedPoses
+from castor_envs.logs.reference import FARTHEST, GAP, TimedPoses
 from castor_envs.vehicles.robot import RobotDescription
 
 GAP_STEPS = 10
@@ -66,6 +66,7 @@ def _log_of(
     gyro = _gyro(by.columns["gyro_z"], tracks["gyro_z"], t) if "gyro_z" in tracks else None
     tracked = _tracked(columns, by, tracks, t)
     fix, age = _fixes(columns, by, tracks, t)
+    tracked, fix = _near_origin(tracked, fix, notes)
     log = Log(
         t=t - t[0],
         wheel=_stacked([part[key] for key in columns.wheel], t),
@@ -258,6 +259,21 @@ def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t
             f"{t[-1]:.3f} s; they share no time: give the source an 'offset', or another 'time'"
         )
     return TimedPoses(times[kept], pose[kept])
+
+
+def _near_origin(
+    tracked: TimedPoses | None, fix: Array | None, notes: list[str]
+) -> tuple[TimedPoses | None, Array | None]:
+    """Return poses and fixes without the whole metres of the first pose where it is far from the origin, as in UTM."""
+    if tracked is None or not np.any(np.abs(tracked.pose[:, :2]) > FARTHEST):
+        return tracked, fix
+    x, y = origin = np.floor(tracked.pose[0, :2])
+    notes.append(
+        f"reference: its positions are far from their origin, and {x:.0f} m is subtracted from ref_x, {y:.0f} m from "
+        f"ref_y{', and from fixes too' if fix is not None else ''}; add that to have them back"
+    )
+    shift = np.append(origin, 0.0)
+    return tracked._replace(pose=tracked.pose - shift), None if fix is None else fix - shift
 
 
 def _fixes(

@@ -222,6 +222,24 @@ def test_two_clocks_agree_by_an_offset(tmp_path):
         import_log(source, ROBOT, mapped(WHEELS | reference, main={"time": "t"}, tracker=tracker))
 
 
+@pytest.mark.parametrize("with_fixes", [False, True])
+def test_positions_far_from_their_origin_begin_near_it_and_what_is_subtracted_is_said(tmp_path, with_fixes):
+    """As in UTM; north of the equator in metres, by millimetres."""
+    place = {"east": np.round(431_000.7 + T, 3), "north": np.round(5_411_000.2 - 2 * T, 3), "yaw": T}
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, **place)
+    units = (("x", "east", "m"), ("y", "north", "m"), ("psi", "yaw", "rad"))
+    reference = {f"ref_{part}": {"channel": channel, "unit": unit} for part, channel, unit in units}
+    fix = {f"fix_{part}": {"channel": channel, "unit": unit} for part, channel, unit in units} if with_fixes else {}
+    log, tracked, notes = import_log(source, ROBOT, mapped(WHEELS | reference | fix))
+    assert tracked is not None
+    for poses in (tracked.pose, log.reference, log.fix if with_fixes else tracked.pose):
+        assert poses is not None
+        np.testing.assert_allclose(poses, np.column_stack([0.7 + T, 0.2 - 2 * T, T]), atol=1e-9)
+    (note,) = (note for note in notes if "origin" in note)
+    assert "431000 m is subtracted from ref_x, 5411000 m from ref_y" in note
+    assert ("from fixes too" in note) == with_fixes
+
+
 def test_fixes_stand_in_the_first_row_after_them_with_their_age(tmp_path):
     """Of two between the same rows the later one; those beyond the rows are left out."""
     seen = np.array([-0.5, 0.1, 0.505, 0.515, 1.21, 7.0])
