@@ -5,14 +5,15 @@ end with: ``left [deg]``. Lines above it are left alone, and so is what begins w
 names. A name that stands twice gets its place (``X``, ``X #2``), a column without a name too (``#3``). Cells are
 separated by commas, semicolons, tabs, bars or blanks, whichever makes most of them numbers. Numbers may have a decimal
 comma, between commas in quotes, and between thousands the sign that is not before decimals. A blank cell, or ``NA``,
-``NULL`` or ``-``, is no reading, so one file may hold several rates. What is the time, and how it may be written:
-`csv_clock`.
+``NULL`` or ``-``, is no reading, so one file may hold several rates. A file may also hold one reading a row, of the
+signal that a column of text names (``t,signal,value``): then each name is a channel. What is the
+time, and how it may be written: `csv_clock`.
 """
 
 import itertools
 import re
 from collections import deque
-from collections.abc import Generator, Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from castor_envs.logs.recordings.csv_cells import (
@@ -22,6 +23,7 @@ from castor_envs.logs.recordings.csv_cells import (
     check_clear,
     is_blank,
     is_number,
+    is_read,
     is_unclear,
     says_no_order,
     tells_month_first,
@@ -37,6 +39,10 @@ from castor_envs.logs.table import Line, complaint
 
 BEFORE, BREAK = 10, 10.0
 """Rows before the last one, and their largest step in size, by which a last number without a line end is judged."""
+
+FEWEST_READINGS, OFTEN = 3, 0.1
+"""Of each signal of a file with a signal's reading a row, on average; and part of rows that name another one than the
+row before: modes and states, which are text too, change less often."""
 
 _SIGN, _QUOTED_COMMA = re.compile("[.,]"), re.compile(r'"[^"]*,\d[^"]*"')
 """What may be before decimals or between thousands; between cells with commas only a comma in quotes may."""
@@ -68,8 +74,7 @@ class Table:
 
     def clock(self) -> Clock:
         """Return the clock, see `clock_of`."""
-        rows = [line.cells for line in itertools.islice(self._lines(), 1000)]
-        clock = clock_of(self._names, rows)
+        clock = clock_of(self._names, self._first_rows())
         self._row_times(clock)  # which may have something to say
         return clock
 
@@ -87,13 +92,16 @@ class Table:
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
         times = self._row_times(clock)
-        taken = [
-            (k, n) for k, n in enumerate(self._names) if n not in times.columns and (channels is None or n in channels)
-        ]
+        named = [(k, name) for k, name in enumerate(self._names) if name not in times.columns]
+        signals = self._signals([k for k, _ in named])
+        taken = [(k, name) for k, name in named if channels is None or name in channels]
         seen: set[str] = set()
         odd: dict[str, tuple[int, str]] = {}
         for row, line in enumerate(self._lines()):
             time = times.of(row, line)
+            if signals is not None:
+                name = line.cells[signals[0]]
+                taken = [(signals[1], name)] if channels is None or name in channels else []
             for k, name in taken:
                 cell = line.cells[k]
                 if not cell:
@@ -109,22 +117,26 @@ class Table:
                 elif name not in odd:
                     odd[name] = line.number, cell
         if channels is None:
-            self.left_out = dict(self._left_out({*seen, *times.columns}, odd))
+            names = self._names if signals is None else list(odd)
+            self.left_out = dict(_left_out(names, {*seen, *times.columns}, odd))
 
-    def _left_out(self, seen: set[str], odd: Mapping[str, tuple[int, str]]) -> Iterator[tuple[str, str]]:
-        """Yield which columns are left out, and why.
+    def _signals(self, columns: list[int]) -> tuple[int, int] | None:
+        """Return which of the columns beside the clock has the names of signals, and which their values, where rows
+        hold a reading of one signal each: it has text alone, few words that follow each other often; None elsewhere."""
+        rows = self._first_rows()
+        texts = [k for k in columns if rows and not any(is_read(row[k]) or is_blank(row[k]) for row in rows)]
+        if len(columns) != 2 or len(texts) != 1:
+            return None
+        (names,), (values,) = texts, set(columns) - set(texts)
+        words = [row[names] for row in rows]
+        changes = sum(word != other for word, other in itertools.pairwise(words))
+        if FEWEST_READINGS * len(set(words)) > len(words) or changes < OFTEN * len(words):
+            return None
+        self._say(f"rows are readings of what {self._names[names]!r} names: each of these is a channel")
+        return names, values
 
-        seen: those with numbers, and the clock. odd: of those with other text the line of its first cell, and the cell.
-        """
-        for k, name in enumerate(self._names, start=1):
-            if name in odd and name in seen:
-                line, cell = odd[name]
-                where = f"{cell.removesuffix(UNCLEAR)!r} in line {line}"
-                yield name, f"in part, from {where} on: an import refuses what is no number; mend or blank it"
-            elif name in odd:
-                yield name, f"numbers with a sign that {MAY_BE_EITHER}" if is_unclear(odd[name][1]) else "text"
-            elif name not in seen and name != f"#{k}":
-                yield name, "blank in all rows"
+    def _first_rows(self) -> list[list[str]]:
+        return [line.cells for line in itertools.islice(self._lines(), 1000)]
 
     def _say(self, what: str) -> None:
         """Add a note about the file, once."""
@@ -161,6 +173,22 @@ class Table:
                 raise complaint(self._path, k, None, problem)
             before.append(cells[-1])
             yield Line(k, cells)
+
+
+def _left_out(names: Sequence[str], seen: set[str], odd: Mapping[str, tuple[int, str]]) -> Iterator[tuple[str, str]]:
+    """Yield which of these columns are left out, and why.
+
+    seen: those with numbers, and the clock. odd: of those with other text the line of its first cell, and the cell.
+    """
+    for k, name in enumerate(names, start=1):
+        if name in odd and name in seen:
+            line, cell = odd[name]
+            where = f"{cell.removesuffix(UNCLEAR)!r} in line {line}"
+            yield name, f"in part, from {where} on: an import refuses what is no number; mend or blank it"
+        elif name in odd:
+            yield name, f"numbers with a sign that {MAY_BE_EITHER}" if is_unclear(odd[name][1]) else "text"
+        elif name not in seen and name != f"#{k}":
+            yield name, "blank in all rows"
 
 
 def _lacks_its_end(cell: str, before: Iterable[str]) -> bool:

@@ -199,6 +199,27 @@ def test_a_number_is_refused_whose_sign_may_be_before_decimals_or_between_thousa
     assert "may stand before decimals" in recording.left_out["left"] or "in part" in recording.left_out["left"]
 
 
+@pytest.mark.parametrize("names", ["time;signal;value", "value;time;signal", "signal;stamp.sec;stamp.nanosec;value"])
+def test_a_file_of_one_reading_a_row_has_a_channel_for_each_name(tmp_path, names):
+    rows = [(k, name, value) for k in range(50) for name, value in (("drive.pos", k / 4), ("steer", -k), ("x", k))][:-2]
+    cell = {"time": "{0}", "stamp.sec": "{0}", "stamp.nanosec": "500000000", "signal": "{1}", "value": "{2}"}
+    line = ";".join(cell[name] for name in names.split(";"))
+    path = written(tmp_path, f"{names}\n" + "".join(line.format(*row) + "\n" for row in rows))
+    recording = open_recording(path)
+    found = survey(recording, recording.clock())
+    assert {name: channel.count for name, channel in found.items()} == {"drive.pos": 50, "steer": 49, "x": 49}
+    assert recording.left_out == {}
+    assert "each of these is a channel" in recording.notes[0]
+    assert [(t - t % 1, value) for t, value in read(path, "steer")] == [(k, -k) for k in range(49)]
+
+
+def test_a_mode_beside_one_column_of_numbers_names_no_signals(tmp_path):
+    rows = "".join(f"{k},{'AUTO' if k % 40 < 20 else 'MANUAL'},{k}\n" for k in range(100))
+    recording = open_recording(written(tmp_path, f"t,mode,left\n{rows}"))
+    assert list(survey(recording, Clock("t"))) == ["left"]
+    assert recording.left_out == {"mode": "text"}
+
+
 def test_columns_of_one_name_and_of_none_are_told_apart(tmp_path):
     path = written(tmp_path, "t,x,x,\n0,1,2,3\n1,4,5,6\n")
     assert sorted(survey(open_recording(path), Clock("t"))) == ["#4", "x", "x #3"]
