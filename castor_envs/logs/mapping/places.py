@@ -53,7 +53,10 @@ class Places:
     """
 
     def __init__(self, robot: RobotDescription, names: Collection[str] = ()) -> None:
-        self._names = names
+        self._numbered: dict[str, set[int]] = {}
+        for name in names:
+            for number in _NUMBER.finditer(name):
+                self._numbered.setdefault(name[: number.start()], set()).add(int(number[0]))
         pivots = np.array([castor.pivot for castor in robot.castors])
         self.castors = list(zip(*(_signs(axis) for axis in pivots.T), strict=True))
         self._beside = any(side for _, side in self.castors)
@@ -88,12 +91,11 @@ class Places:
 
     def numbers(self, name: str) -> set[int]:
         """Return the numbers in a name, counted from 1 on: those from 0 on, in brackets as of arrays or by the names of
-        all channels, which have 0 and 1 in its place and not the number of castors, are raised by 1."""
+        all channels, which begin alike and go on with 0 and 1 and not the number of castors, are raised by 1."""
         for number in _NUMBER.finditer(name):
-            before, digits, after = name[: number.start()], len(number[0]), name[number.end() :]
-            there = [f"{before}{k:0{digits}}{after}" in self._names for k in (0, 1, len(self.castors))]
-            in_brackets = before.endswith("[") and after.startswith("]")
-            if in_brackets or there == [True, True, False]:
+            before, alike = name[: number.start()], self._numbered.get(name[: number.start()], set())
+            in_brackets = before.endswith("[") and name[number.end() :].startswith("]")
+            if in_brackets or ({0, 1} <= alike and len(self.castors) not in alike):
                 return {int(number[0]) + 1}
         return {int(number) for number in _NUMBER.findall(name)}
 

@@ -183,6 +183,14 @@ def test_numbers_in_names_are_counted_from_0_where_one_name_has_0(wheel, pivot, 
     assert [found[f"pivot_{k + 1}"][0] for k in range(4)] == [pivot.format(k + first) for k in range(4)]
 
 
+def test_numbers_of_wheels_tell_where_those_of_pivots_begin():
+    """As where the pivot of the first one is called otherwise."""
+    names = [*(f"c{k}_wheel" for k in range(4)), "front_pot", *(f"c{k}_angle_rad" for k in (1, 2, 3))]
+    found = guessed("swerve", *names)
+    assert [found[f"wheel_{k + 1}"][0] for k in range(4)] == [f"c{k}_wheel" for k in range(4)]
+    assert [found[f"pivot_{k + 1}"][0] for k in range(4)] == ["?", *(f"c{k}_angle_rad" for k in (1, 2, 3))]
+
+
 def test_wheels_that_are_numbered_from_0_are_fewer_or_more_than_those_of_the_robot():
     """What is missing is the last one; of one too many nothing tells where the count begins, but a log's own names."""
     found = guessed("omni3", "wheel0", "wheel1")
