@@ -15,7 +15,7 @@ from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.agreement import agreement_notes
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column, Source
 from castor_envs.logs.mapping.limits import limit_notes
-from castor_envs.logs.mapping.series import Track, row_times
+from castor_envs.logs.mapping.series import Track, in_order, row_times
 from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind_of, radians_in
 from castor_envs.logs.pose_rows import with_reference
 from castor_envs.logs.recordings import open_recording
@@ -88,12 +88,12 @@ def _stacked(columns: list[Array], t: Array) -> Array:
 
 
 def _tracks(source: Path, columns: LogColumns, by: ChannelMap, name: str, notes: list[str]) -> dict[str, Track]:
-    """Return the readings of each column, s since the first count; those that are left out are noted."""
+    """Return the readings of each column, s since the first count; which are left out or put in order is noted."""
     readings = _readings(source, by, name, notes)
     begin = min(readings[key][0].time[0] for key in (*columns.wheel, *columns.pivot))
     said: dict[tuple[str, str], list[str]] = {}
     tracks = {key: _track(f"{name}: columns.{key}", by, key, readings.pop(key), begin, said) for key in by.columns}
-    notes += [f"{_together(keys)}: {what} and are left out" for (_, what), keys in said.items()]
+    notes += [f"{_together(keys)}: {what}" for (_, what), keys in said.items()]
     return tracks
 
 
@@ -112,7 +112,8 @@ def _readings(source: Path, by: ChannelMap, name: str, notes: list[str]) -> dict
         if not needed:
             continue
         recording = open_recording(source if place.file is None else source.parent / place.file)
-        series, clock = {channel: Series(recording.held) for channel in needed}, _clock(place, recording)
+        clock = _clock(place, recording)
+        series = {channel: Series(recording.held, clock.time == "header") for channel in needed}
         for reading in recording.readings(needed, clock):
             series[reading.channel].add(reading)
         notes += recording.notes
@@ -153,7 +154,7 @@ def _track(
     """Return a column's readings in the channel's unit, sign and scale applied; headings of quaternions in rad, and the
     sums of increments.
 
-    said: gets the column's key by its source and what is left out, which is the same for all columns of one topic.
+    said: gets the column's key by its source and what is left out or put in order, the same for all columns of a topic.
     """
     column, first = by.columns[key], series[0]
     times, values = np.asarray(first.time, dtype=np.int64), np.asarray(first.value, dtype=float)
@@ -166,6 +167,8 @@ def _track(
         if not turned.any():
             raise InputError(f"{where}: all quaternions are 0, which is no heading; give other channels")
         times, values, zeros = times[turned], values[turned], int(np.sum(~turned))
+    order, late = in_order(times) if first.stamped else (slice(None), 0)
+    times, values = times[order], values[order]
     if kind_of(column.unit) == "increment":  # summed with those that are left out; that of the first came before it
         values = np.append(0.0, np.cumsum(values[1:]))
     track, left_out = Track.of(where, times - begin, values, first.held)
@@ -173,8 +176,11 @@ def _track(
     left_out |= {"are no finite numbers": missing, "are quaternions of 0, which are no headings": zeros}
     for what, count in left_out.items():
         if count:
-            of = f"{count} of {len(first.time) + missing} readings {what}"
+            of = f"{count} of {len(first.time) + missing} readings {what} and are left out"
             said.setdefault((column.source, of), []).append(key)
+    if late:
+        of = f"{late} of {len(times)} readings come after later ones and are put in the order of their stamps"
+        said.setdefault((column.source, of), []).append(key)
     if column.wraps_at is not None:
         if (reach := np.ptp(track.value)) > column.wraps_at * (1 + ROUNDED):
             raise InputError(

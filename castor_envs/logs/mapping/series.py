@@ -122,6 +122,15 @@ class Track:
         return np.diff(at_edges) / np.diff(edges)
 
 
+def in_order(times: Numbers) -> tuple[NDArray[np.intp], int]:
+    """Return the order of readings by times (M,), ns, and how many come after later ones; those that are behind by more
+    than `BEHIND` stay where they are, as of a clock that goes back."""
+    latest = np.maximum.accumulate(times)
+    late = (times < latest) & (latest - times <= BEHIND * 1e9)
+    behind = (times < latest) & ~late
+    return np.argsort(np.where(behind, latest, times), kind="stable"), int(np.sum(late))
+
+
 def _goes_back(times: Numbers, new: NDArray[np.bool_], late: NDArray[np.bool_]) -> int | None:
     """Return the first reading of a clock that goes back, as of a log that was restarted; None for a few late readings.
 

@@ -3,7 +3,7 @@
 import math
 from array import array
 from collections.abc import Callable, Generator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
@@ -89,10 +89,12 @@ class RecordingFormat:
 class Series:
     """The readings of a channel: times, ns, and values; and how many of them were no finite numbers, left out.
 
-    held: whether a value stays until the next.
+    held: whether a value stays until the next. stamped: whether times are those of stamps in messages, which may come
+    out of order.
     """
 
     held: bool
+    stamped: bool = False
     time: array = field(default_factory=lambda: array("q"))
     value: array = field(default_factory=lambda: array("d"))
     missing: int = 0
@@ -107,9 +109,7 @@ class Series:
 
     def shifted(self, by: int) -> "Series":
         """Return the readings with a time, ns, added to theirs."""
-        return Series(
-            self.held, array("q", (time + by for time in self.time)) if by else self.time, self.value, self.missing
-        )
+        return replace(self, time=array("q", (time + by for time in self.time))) if by else self
 
 
 @dataclass

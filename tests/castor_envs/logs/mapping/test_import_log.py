@@ -506,6 +506,31 @@ def test_a_few_readings_out_of_order_are_left_out_and_counted(tmp_path, late, by
     assert [note for note in imported.notes if "of 101" in note] == [f"2 columns (wheel_1l, wheel_1r): {said}"]
 
 
+@pytest.mark.parametrize("late", [[40], [40, 42, 44], [2, 40, 98]])
+@pytest.mark.parametrize("unit", ["rad", "rad/row"])
+def test_messages_that_come_late_are_read_in_the_order_of_their_stamps(tmp_path, bag_writer, late, unit):
+    """By two rows, but one whose stamp is that of another hour."""
+    received, stamp = START + np.array(T), START + np.array(T)
+    received[late] += 0.05
+    stamp[70] -= 3600
+    values = ANGLE if unit == "rad" else np.diff(ANGLE, prepend=0.0)
+    with bag_writer(tmp_path / "bag", "mcap") as w:
+        for k in np.argsort(received):
+            w.joints("/joints", received[k], stamp[k], left=values[k], right=values[k])
+    named = {
+        key: {"channel": f"/joints position[{side}]", "unit": unit}
+        for key, side in zip(WHEELS, ("left", "right"), strict=True)
+    }
+    log, _, notes = import_log(tmp_path / "bag", ROBOT, mapped(named, main={"time": "header"}))
+    np.testing.assert_allclose(log.t, np.delete(T, 70), atol=1e-6)
+    np.testing.assert_allclose(log.wheel[:, 0], np.delete(ANGLE, 70) * PER_RADIAN, atol=1e-6)
+    columns = "2 columns (wheel_1l, wheel_1r)"
+    assert [note for note in notes if "of 101" in note] == [
+        f"{columns}: 1 of 101 readings come after later ones and are left out",
+        f"{columns}: {len(late)} of 101 readings come after later ones and are put in the order of their stamps",
+    ]
+
+
 def test_increments_that_are_left_out_are_summed_all_the_same(tmp_path):
     """Of readings that repeat a time, and that come after later ones, the wheel has still turned by them."""
     step = np.diff(ANGLE, prepend=0.0)
