@@ -18,8 +18,9 @@ from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.mapping.said_units import says_unit
 from castor_envs.logs.recordings import formats, recognised
 from castor_envs.logs.recordings.recording import Clock, Found, Recording
-from castor_envs.vehicles.load import load_robot
+from castor_envs.vehicles.load import load_robot, load_vehicle
 from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.train import TrainDescription
 
 PUBLISHED, LOG, MAP = Path("measured"), Path("log.csv"), Path("map.json")
 """Where things go unless told: the folder of published data, a log, a map to edit."""
@@ -48,6 +49,15 @@ def import_source(source: Path, robot: str | None, channel_map: Path | None, out
         _show(source, robot, out)
 
 
+def _robot(spec: str) -> RobotDescription:
+    if isinstance(load_vehicle(spec), TrainDescription):
+        raise InputError(
+            f"--robot {spec}: is a train, and recordings are imported for robots alone; the log of a train is a CSV "
+            "file that your own program writes, with the columns that docs/formats.md has"
+        )
+    return load_robot(spec)
+
+
 def _import_published(source: Path, out: Path) -> None:
     with writing(f"--out {out}"):
         for folder, session in import_sessions(source, out):
@@ -55,7 +65,7 @@ def _import_published(source: Path, out: Path) -> None:
 
 
 def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> None:
-    described = load_robot(robot)
+    described = _robot(robot)
     if not channel_map.exists():
         raise InputError(f"--map {channel_map}: no such file; without --map one is made to edit")
     by = ChannelMap.load(channel_map)
@@ -80,7 +90,7 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
 
 def _show(source: Path, robot: str | None, out: Path | None) -> None:
     """Print what a recording holds; write a map to edit where the robot is known and there is none yet."""
-    described = None if robot is None else load_robot(robot)
+    described = None if robot is None else _robot(robot)
     recording = open_recording(source)
     clock = recording.clock()
     found = survey(recording, clock)

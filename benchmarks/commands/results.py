@@ -38,6 +38,7 @@ from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs.cli import command_line
 from castor_envs.errors import InputError
+from castor_envs.logs.recordings import refuse_recording
 
 
 def leaderboard(
@@ -148,6 +149,7 @@ def export(
         print(f"{out}: poses of {task}")
         end_for(failing)
         return
+    refuse_recording(Path(task))
     if estimator:
         raise InputError("--estimator: is for a log; of a task --results adds what run has stored")
     known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))

@@ -11,7 +11,7 @@ from benchmarks import cli
 from castor_envs.cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import load_robot
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import preset, train_names
 
 METADATA = "type,diff\nngear,12\nencRes,16\nLi,0.2\nDi,0.08,0.08\nN,1\nL,1.0\n"
 RUN = "0,0,0,0,9,9\n0.05,0.1,0,0,4,6\n0.1,0.2,0,0,1,1\n"
@@ -72,6 +72,25 @@ def test_a_log_that_is_there_is_left_alone(tmp_path, capsys, monkeypatch):
     code, _, said = call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")
     assert (code, said) == (2, "error: --out log.csv: is there already; remove it or name another file\n")
     assert Path("log.csv").read_text() == "measured long ago"
+
+
+def test_a_train_is_told_that_its_log_is_written_in_the_logs_own_format(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.csv").write_text("t,left_ticks,right_ticks\n0,0,0\n1,1,1\n2,2,2\n")
+    Path("map.json").write_text("{}")
+    for more in ((), ("--map", "map.json")):
+        code, _, said = call(capsys, "import", "run.csv", "--robot", train_names()[0], *more)
+        assert code == 2
+        assert "is a train, and recordings are imported for robots alone" in said
+        assert "docs/formats.md" in said
+
+
+def test_a_recording_is_no_task_to_export(tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("run.wpilog").write_bytes(b"WPILOG")
+    code, _, said = call(capsys, "export", "run.wpilog", "--robot", "differential")
+    assert code == 2
+    assert "run.wpilog: is a recording, WPILib data log (.wpilog), not a log; castor-bench import makes a log" in said
 
 
 def test_a_reference_is_told_as_one_beside_the_map_of_its_recording(tmp_path, capsys, monkeypatch):

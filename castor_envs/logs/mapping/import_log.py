@@ -260,9 +260,12 @@ def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t
     first, last = (np.searchsorted(times, t[0], "right") - 1, np.searchsorted(times, t[-1], "left") + 1)
     kept = slice(max(first, 0), last)
     if not ((times >= t[0]) & (times <= t[-1])).any():
+        source = by.columns[columns.reference[0]].source
+        file = by.places[source].file or "the recording"
         raise InputError(
-            f"{x.where}: the reference is from {times[0]:.3f} to {times[-1]:.3f} s, counts are from {t[0]:.3f} to "
-            f"{t[-1]:.3f} s; they share no time: give the source an 'offset', or another 'time'"
+            f"{x.where}: the reference in {file} is from {times[0]:.3f} to {times[-1]:.3f} s, counts are from "
+            f"{t[0]:.3f} to {t[-1]:.3f} s; they share no time, so that their clocks are apart: give the source "
+            f"{source!r} an 'offset', or another 'time'"
         )
     return TimedPoses(times[kept], pose[kept])
 

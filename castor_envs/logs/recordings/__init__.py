@@ -27,9 +27,12 @@ def refuse_recording(path: Path) -> None:
 
 
 def open_recording(source: str | os.PathLike[str]) -> Recording:
-    """Open a recording; raises InputError where there is none, or of no known kind, or the library for it is absent."""
+    """Open a recording; raises InputError where there is none, an empty one or of no known kind, or the library for it
+    is absent."""
     if not Path(source).exists():
         raise InputError(f"{source}: no such file or folder; give a recording")
+    if Path(source).is_file() and not Path(source).stat().st_size:
+        raise InputError(f"{source}: is empty; copy it again, or record it again")
     found = recognised(source)
     if found is None:
         raise InputError(f"{source}: is no known kind of recording; known: {', '.join(formats())}")

@@ -195,6 +195,12 @@ def _is_numeral(cell: str) -> bool:
     return any(number.fullmatch(cell) for number in _BY.values())
 
 
+def _in_ascii(cell: str) -> str:
+    """Return a number without a degree sign behind it, and with a hyphen for a sign of minus; other text as it is."""
+    plain = cell.replace("−", "-").removesuffix("°").rstrip()
+    return plain if _is_numeral(plain) else cell
+
+
 def is_unclear(cell: str) -> bool:
     """Return whether a cell holds a number that `UNCLEAR` ends."""
     return cell.endswith(UNCLEAR) and _is_numeral(cell[:-1])
@@ -218,4 +224,6 @@ def cells_of(path: Path, number: int, line: str, delimiter: str) -> list[str]:
         cells = [cell.strip() for cell in found]
     except csv.Error as error:
         raise complaint(path, number, None, f"is not CSV ({error}); mend the line") from None
+    if not line.isascii():
+        cells = [_in_ascii(cell) for cell in cells]
     return [cells[0].lstrip("# "), *cells[1:]] if cells else cells

@@ -13,6 +13,7 @@ Times are by the message's header ("header"; of a transform its own), or when th
 
 import dataclasses
 import itertools
+import re
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,6 +36,10 @@ _SUFFIXES = (".bag", ".mcap", ".db3")
 _MENDED_BY = {".bag": "rosbag reindex", ".mcap": "mcap recover", ".db3": "ros2 bag reindex"}
 """What mends a file that a recorder did not close."""
 
+METADATA = "metadata.yaml"
+_OF_METADATA = re.compile("metadata|files are missing", re.IGNORECASE)
+"""What says in an error of rosbags that a bag's metadata are at fault, and not its files."""
+
 
 def _is_bag(path: Path) -> bool:
     return path.suffix in _SUFFIXES if path.is_file() else bool(_bags(path))
@@ -42,7 +47,7 @@ def _is_bag(path: Path) -> bool:
 
 def _bags(path: Path) -> list[Path]:
     """Return what rosbags opens: the folder of a ROS 2 bag, one file, or the files of a ROS 1 bag in pieces."""
-    if path.is_file() or (path / "metadata.yaml").is_file():
+    if path.is_file() or (path / METADATA).is_file():
         return [path]
     for suffix in _SUFFIXES:
         found = sorted(path.glob(f"*{suffix}"))
@@ -120,10 +125,10 @@ class Bag:
                 path.suffix: path for path in (*_bags(self._path), *self._path.glob("*")) if path.suffix in _MENDED_BY
             }
             mended = " or ".join(f"{_MENDED_BY[kind]!r}" for kind in sorted(kinds))
-            raise InputError(
-                f"{self._path}: cannot be read as a ROS bag ({message_of(error)}); one that was cut off may be mended "
-                f"by {mended}"
-            ) from None
+            remedy = f"one that was cut off may be mended by {mended}"
+            if _OF_METADATA.search(message_of(error)):
+                remedy = f"{METADATA} does not fit: remove it, and the files in the folder are read without it"
+            raise InputError(f"{self._path}: cannot be read as a ROS bag ({message_of(error)}); {remedy}") from None
 
 
 def _why_silent(connection: Any, known: bool) -> str:

@@ -218,7 +218,8 @@ def test_two_clocks_agree_by_an_offset(tmp_path):
     known = imported.log.t <= imported.tracked.t[-1]
     expected = np.column_stack([np.sin(T), 0 * T, T])[known]
     np.testing.assert_allclose(imported.log.reference[known], expected, atol=0.013**2 / 8 + 1e-9)
-    with pytest.raises(InputError, match=r"reference is from -40.000 to .* share no time: give the source an 'offset'"):
+    said = r"reference in tracker.csv is from -40.000 to .* share no time, so that their clocks are apart: give"
+    with pytest.raises(InputError, match=said):
         import_log(source, ROBOT, mapped(WHEELS | reference, main={"time": "t"}, tracker=tracker))
 
 

@@ -200,6 +200,19 @@ def test_a_damaged_bag_is_refused_in_one_line(tmp_path):
         assert str(tmp_path / name) in str(caught.value)
 
 
+@pytest.mark.parametrize("metadata", ["", "rosbag2: [\nfoo", "relative_file_paths: [run.mcap]"])
+def test_metadata_that_do_not_fit_are_told_and_the_files_are_read_without_them(tmp_path, bag_writer, metadata):
+    with bag_writer(tmp_path / "run", "mcap") as w:
+        w.joints("/joints", START, START, left=1.0)
+    written = (tmp_path / "run" / "metadata.yaml").read_text()
+    missing = written.replace("run.mcap", "other.mcap")
+    (tmp_path / "run" / "metadata.yaml").write_text(missing if "run.mcap" in metadata else metadata)
+    with pytest.raises(InputError, match=r"metadata.yaml does not fit: remove it, and the files"):
+        read(tmp_path / "run", "/joints position[left]")
+    (tmp_path / "run" / "metadata.yaml").unlink()
+    assert read(tmp_path / "run", "/joints position[left]")[1] == [1.0]
+
+
 @pytest.mark.parametrize(("kind", "mended"), [("mcap", "'mcap recover'"), ("sqlite3", "'ros2 bag reindex'")])
 def test_a_bag_that_was_cut_off_says_what_mends_it(tmp_path, bag_writer, kind, mended):
     with bag_writer(tmp_path / "run", kind) as w:

@@ -94,6 +94,21 @@ def test_a_file_is_read_in_the_coding_of_the_program_that_wrote_it(tmp_path, cod
     assert recording.notes == (said if coding == "cp1252" else [])
 
 
+def test_bytes_of_0_at_the_end_are_left_out_with_a_note(tmp_path):
+    for last, count in ((b"1,2\n", 2), (b"1,2", 2), (b"1", 1)):
+        path = tmp_path / "run.csv"
+        path.write_bytes(b"t,left\n0,1\n" + last + bytes(4000))
+        recording = open_recording(path)
+        assert survey(recording, Clock("t"))["left"].count == count
+        assert recording.notes[0] == "run.csv: 4000 bytes of 0 at its end are left out, as where power was lost"
+
+
+def test_a_minus_of_print_and_a_degree_sign_are_read(tmp_path):
+    path = written(tmp_path, "t,left,turn\n0,−1.5,−13.5°\n1,2,14 °\n")
+    assert read(path, "left", Clock("t")) == [(0.0, -1.5), (1.0, 2.0)]
+    assert read(path, "turn", Clock("t")) == [(0.0, -13.5), (1.0, 14.0)]
+
+
 def test_what_is_no_text_and_cells_without_end_are_named(tmp_path):
     path = tmp_path / "run.csv"
     for content, words in ((b"t,left\n0,\0\n", ":2: is no text"), (b"\xff\xfet\0\xd8", "no text in UTF-16")):
@@ -480,5 +495,10 @@ def test_what_a_file_is_shows_in_its_first_line(tmp_path, name, text, kind):
 def test_what_is_no_recording_is_refused(tmp_path):
     with pytest.raises(InputError, match="no such file or folder"):
         open_recording(tmp_path / "nothing")
+    for name in ("run.wpilog", "run.csv", "run.mcap"):
+        (tmp_path / name).touch()
+        with pytest.raises(InputError, match=f"{name}: is empty; copy it again, or record it again"):
+            open_recording(tmp_path / name)
+        (tmp_path / name).unlink()
     with pytest.raises(InputError, match="no known kind of recording; known: CSV"):
         open_recording(tmp_path)
