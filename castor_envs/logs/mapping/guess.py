@@ -17,7 +17,8 @@ from castor_envs.vehicles.robot import RobotDescription
 
 HEADING = {"heading", "psi", "yaw", "theta", "phi"}
 WHEEL = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks", "count", "counts", "position", "distance"}
-PIVOT = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor", "turn", "angle"}
+STEERED = {"steer", "steering", "pivot", "swivel", "azimuth", "fork", "caster", "castor"}
+PIVOT = STEERED | {"turn", "angle"}
 COMMANDED = {"cmd", "command", "commands", "commanded", "target", "setpoint", "desired"}
 RATE = SPEED | {"rate", "per", "s", "sec"}
 UNITS = {"s"}.union(*WORDS.values())
@@ -28,12 +29,17 @@ TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
 """Words of poses that are estimates, which are no reference."""
 
-PLACED = {"x", "y", "z", "w", "qx", "qy", "qz", "qw", "roll", "pitch"} | HEADING
+MAPPED = {"east", "north", "easting", "northing", "height", "latitude", "longitude", "altitude"}
+PLACED = {"x", "y", "z", "w", "qx", "qy", "qz", "qw", "roll", "pitch"} | HEADING | MAPPED
 BODY = PLACED | {"vx", "vy", "vz", "dx", "dy", "dtheta", "omega"}
 """Words of the pose and the motion of a body, which no wheel has."""
 _OF_POSE = re.compile(r"\.(x|y|z|heading)$")
 MOVED = SPEED | {"pos", "position", "distance", "angle"}
 ENCODER = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks"}
+DRIVE = {"drive", "driven", "traction"}
+"""Words for a driven wheel, in names that say beside them where it is and what is measured, and nothing else."""
+
+MEASURED = MOVED | ENCODER | UNITS | {"motor", "joint"}
 
 _PLACE = re.compile(r"(\d+)([lr])?$")
 """The number and the side in the name of a log's column."""
@@ -107,7 +113,7 @@ def _may_be_wheel(name: str) -> bool:
     if given & ENCODER:
         return True
     never = NEVER - {"current"} if given & MOVED else NEVER  # the current position is no current
-    if given & (COMMANDED | never) or _is_gyro(name):
+    if given & (COMMANDED | never) or _is_gyro(name) or given - UNITS in ({"e"}, {"n"}):
         return False
     own = name.partition(" ")[2] if name.startswith("/") else name  # without the topic of ROS
     return not given & BODY or (bool(words_of(own) & SAID) and not _OF_POSE.search(name))
@@ -153,6 +159,8 @@ def _alike(keys: Sequence[str], free: Iterable[str], words: set[str], places: Pl
 
 
 def _score(key: str, name: str, words: set[str], places: Places) -> int:
+    if name.endswith(".heading") and words_of(name.rpartition("/")[2]) & PIVOT:  # a struct that is a rotation alone
+        name = name.removesuffix(".heading")
     given = words_of(name)
     if given <= BARE | {word for word in given if word.isdigit()}:
         return 0
@@ -164,13 +172,17 @@ def _score(key: str, name: str, words: set[str], places: Places) -> int:
     number, side = (int(match[1]), match[2]) if match else (0, None)
     joint = _JOINT.search(name)
     alone = words_of(joint[1]) if joint else given
-    last = joint[1] if joint else name.rpartition("/")[2]
-    drives = bool(given & SPEED) and "drive" in words_of(last)
+    last = words_of(joint[1] if joint else name.rpartition("/")[2])
+    plain = {word for word in last if not word.isdigit()} <= DRIVE | MEASURED | SAID | words
+    drives = bool(last & DRIVE) and (plain or bool(given & SPEED)) and not last & STEERED
+    if words is PIVOT and drives:
+        return 0
     of_wheel = words is WHEEL and (alone <= SAID | SPEED | UNITS or name.endswith(".speed") or drives)
     score = 2 if given & words or of_wheel else 0
+    score += 1 if key in places.only and plain and last & (STEERED if words is PIVOT else DRIVE) else 0
     if words is WHEEL:
-        score -= 4 if given & (PIVOT - {"angle", "turn"}) else 0
-        score -= 3 if "angle" in given and "wheel" not in given else 0
+        score -= 4 if given & STEERED else 0
+        score -= 3 if "angle" in given and not (drives or "wheel" in given) else 0
         score += 1 if given & SPEED else 0
         score += 1 if "wheel" in given else 0
         if score <= 0:

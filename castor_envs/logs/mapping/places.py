@@ -7,6 +7,7 @@ import numpy as np
 
 from castor_envs.description import FINEST
 from castor_envs.geometry.arrays import Array
+from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.mapping.channel_map import UNDECIDED, ChannelMap
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -49,10 +50,12 @@ class Places:
     """The places of a robot's castors and wheels, as (1, 0 or -1: front or rear; 1, 0 or -1: left or right).
 
     Of wheels, where castors with two of them stand beside each other, left and right are those of the castor. names:
-    all channels, which tell whether their numbers begin at 0.
+    all channels, which tell whether their numbers begin at 0. only: columns that are the only ones of their kind.
     """
 
     def __init__(self, robot: RobotDescription, names: Collection[str] = ()) -> None:
+        columns = LogColumns.of(robot)
+        self.only = {names[0] for names in (columns.wheel, columns.pivot) if len(names) == 1}
         self._numbered: dict[str, set[int]] = {}
         for name in names:
             for number in _NUMBER.finditer(name):

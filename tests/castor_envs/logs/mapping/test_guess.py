@@ -82,6 +82,9 @@ SWERVE = {"front left": 1, "rear left": 2, "rear right": 3, "front right": 4}
     [
         ("{} drive position", "{} steer angle", ("front left", "front right", "rear left", "rear right")),
         ("{}_wheel_pos_position", "{}_azimuth", ("FL", "FR", "RL", "RR")),
+        ("{}Drive", "{}Steer", ("frontLeft", "frontRight", "backLeft", "backRight")),
+        ("{} Drive Pos (m)", "{} Turn (deg)", ("FL", "FR", "BL", "BR")),
+        ("{}_drive_rotations", "{}_azimuth_rotations", ("lf", "rf", "lr", "rr")),
         ("NT:/{}/distance", "NT:/{}/angle", ("FrontLeft", "FrontRight", "BackLeft", "BackRight")),
         ("/js position[{}_wheel]", "/js position[{}_steer]", ("lf", "rf", "lb", "rb")),
         *(
@@ -170,6 +173,7 @@ def test_modules_of_an_array_are_counted_from_0():
     ("wheel", "pivot"),
     [
         ("NT:/Drive/Module{}/DrivePositionRad", "NT:/Drive/Module{}/TurnPosition"),
+        ("/Drive/Module{}/DrivePositionRad", "/Drive/Module{}/TurnPosition.heading"),
         ("wheel_{}", "steer_{}"),
         ("wheel{}", "pivot_{}"),
         ("/drive/state position[joint_{}]", "/steer/state position[joint_{}]"),
@@ -181,6 +185,24 @@ def test_numbers_in_names_are_counted_from_0_where_one_name_has_0(wheel, pivot, 
     found = guessed("swerve", *(name.format(k + first) for k in range(4) for name in (wheel, pivot)))
     assert [found[f"wheel_{k + 1}"][0] for k in range(4)] == [wheel.format(k + first) for k in range(4)]
     assert [found[f"pivot_{k + 1}"][0] for k in range(4)] == [pivot.format(k + first) for k in range(4)]
+
+
+@pytest.mark.parametrize(
+    ("wheel", "pivot", "units"),
+    [
+        ("drive_rev", "steer_deg", ("rev", "deg")),
+        ("drive_rpm", "steering_rev", ("rpm", "rev")),
+        ("traction_rev", "steering_rev", ("rev", "rev")),
+        ("drive_angle_rad", "steering_angle_deg", ("rad", "deg")),
+        ("drive_motor_pos_rad", "steer_motor_pos_rad", ("rad", "rad")),
+        ("wheel_rev", "steer_rad", ("rev", "rad")),
+    ],
+)
+def test_one_driven_wheel_and_one_pivot_need_no_place_in_their_names(wheel, pivot, units):
+    others = ("fork_height", "drive_temp", "mast_angle_deg", "steering_mode", "drive_current")
+    found = guessed("tricycle", *others, pivot, wheel)
+    assert (found["wheel_1"], found["pivot_1"]) == ((wheel, units[0]), (pivot, units[1]))
+    assert guessed("tricycle", *others)["pivot_1"][0] == guessed("tricycle", *others)["wheel_1"][0] == "?"
 
 
 def test_numbers_of_wheels_tell_where_those_of_pivots_begin():
@@ -263,6 +285,8 @@ def test_poses_and_motions_of_a_body_cannot_be_a_wheel_and_what_else_counts_can(
     motions = ["/odom twist.twist.angular.z", "/imu linear_acceleration.x", "NT:/speeds.omega", "gyro", "cmd_left"]
     wheels = ["A", "links", "/joints velocity[base]", "/wheel_ticks vector.x", "NT:/modules[0].distance", "#2"]
     wheels += ["w_left", "omega_l", "theta_left", "phi_l", "x_left", "left_current_pos", "omegaRight", "phi_fl"]
+    poses += ["E", "N", "Easting [m]", "Northing [m]", "Height [m]", "E (m)"]
+    wheels += ["n1", "n_left"]
     poses += ["/left_camera pose.x", "/camera_left pose.pose.heading", "/tf odom>left.x", "NT:/leftPose.x"]
     motions += ["left_motor_current", "/joints effort[left]", "left_cmd", "/imu_left angular_velocity.z"]
     assert possible_wheels([*poses, *motions, *wheels]) == wheels
