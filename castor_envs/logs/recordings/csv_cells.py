@@ -101,7 +101,9 @@ def time_of_day(cell: str) -> int | None:
 
 def clock_turn(cell: str) -> int | None:
     """Return after how many ns the clock of a time of day is at 0 again; None of what is no time of day."""
-    return None if time_of_day(cell) is None else HOUR if _MINUTES.fullmatch(cell) else DAY
+    if ":" not in cell or time_of_day(cell) is None:  # most times are numbers
+        return None
+    return HOUR if _MINUTES.fullmatch(cell) else DAY
 
 
 def _hour(number: str, half: str | None) -> int | None:
@@ -167,7 +169,8 @@ def usual_decimal_sign(rows: Iterable[list[str]]) -> str | None:
     where none does, None where there is no row."""
     signs, row = Counter[str](), 0
     for row, cells in enumerate(rows, start=1):
-        signs.update(sign for cell in cells if (sign := decimal_sign(cell)) is not None)
+        marked = (cell for cell in cells if "." in cell or "," in cell)
+        signs.update(sign for cell in marked if (sign := decimal_sign(cell)) is not None)
         if signs and row >= SIGNS_AT_ONCE:
             break
     return signs.most_common(1)[0][0] if signs else "" if row else None

@@ -44,7 +44,7 @@ FEWEST_READINGS, OFTEN = 3, 0.1
 """Of each signal of a file with a signal's reading a row, on average; and part of rows that name another one than the
 row before: modes and states, which are text too, change less often."""
 
-_SIGN, _QUOTED_COMMA = re.compile("[.,]"), re.compile(r'"[^"]*,\d[^"]*"')
+_SIGN, _POINT_OR_QUOTE, _QUOTED_COMMA = re.compile("[.,]"), re.compile('[."]'), re.compile(r'"[^"]*,\d[^"]*"')
 """What may be before decimals or between thousands; between cells with commas only a comma in quotes may."""
 
 
@@ -93,8 +93,8 @@ class Table:
         """Yield readings, see `Recording`."""
         times = self._row_times(clock)
         named = [(k, name) for k, name in enumerate(self._names) if name not in times.columns]
-        signals = self._signals([k for k, _ in named])
         taken = [(k, name) for k, name in named if channels is None or name in channels]
+        signals = self._signals([k for k, _ in named]) if channels is None or not taken else None
         seen: set[str] = set()
         odd: dict[str, tuple[int, str]] = {}
         for row, line in enumerate(self._lines()):
@@ -145,7 +145,8 @@ class Table:
 
     def _usual_decimal_sign(self) -> str:
         """Return the sign before decimals, "" where numbers have signs and none says it."""
-        usual = usual_decimal_sign(cells_of(self._path, *line, self._delimiter) for line in self._lines_with(_SIGN))
+        lines = self._lines_with(_POINT_OR_QUOTE if self._delimiter == "," else _SIGN)
+        usual = usual_decimal_sign(cells_of(self._path, *line, self._delimiter) for line in lines)
         if usual is None or (
             self._delimiter == "," and not usual and next(self._lines_with(_QUOTED_COMMA), None) is None
         ):

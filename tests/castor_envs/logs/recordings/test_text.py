@@ -228,6 +228,12 @@ def test_a_file_of_one_reading_a_row_has_a_channel_for_each_name(tmp_path, names
     assert [(t - t % 1, value) for t, value in read(path, "steer")] == [(k, -k) for k in range(49)]
 
 
+def test_a_map_that_names_the_column_of_numbers_has_all_of_it(tmp_path):
+    path = written(tmp_path, "t,fix,left\n" + "".join(f"{k},{'RTK' if k % 2 else 'FLOAT'},{k}\n" for k in range(20)))
+    assert sorted(survey(open_recording(path), Clock("t"))) == ["FLOAT", "RTK"]
+    assert read(path, "left") == [(k, k) for k in range(20)]
+
+
 def test_a_mode_beside_one_column_of_numbers_names_no_signals(tmp_path):
     rows = "".join(f"{k},{'AUTO' if k % 40 < 20 else 'MANUAL'},{k}\n" for k in range(100))
     recording = open_recording(written(tmp_path, f"t,mode,left\n{rows}"))
