@@ -170,6 +170,8 @@ def _show_reference(source: Path, clock: Clock, pose: Mapping[str, Column]) -> N
     ).to_dict()
     print("this is the reference of another recording; add to the map of that one, with the path of this file as seen")
     print("from the folder of that one, and the 'offset' between their clocks, s:")
+    if clock.period is not None:
+        print(f"(for {UNDECIDED!r} the time between poses, s, or in its place a file of times as 'time')")
     for part in ("sources", "columns"):
         for key, value in added[part].items():
             print(f'  {part}: "{key}": {json.dumps(value)}')

@@ -342,6 +342,7 @@ def test_a_trajectory_alone_is_the_reference_of_another_recording(tmp_path, caps
     code, printed, _ = call(capsys, "import", "seen.txt", "--robot", "differential")
     assert code == 0
     assert "this is the reference of another recording" in printed
+    assert ("for '?' the time between poses, s" in printed) == (kind == "kitti")
     assert "next:" not in printed
     assert not Path("map.json").exists()
     assert call(capsys, "import", "run.csv", "--robot", "differential")[0] == 0

@@ -31,7 +31,7 @@ _BY = {
 """Numbers by the sign before their decimals, the other of which may stand between thousands."""
 
 UNCLEAR = "?"
-"""What `cells_of` adds to a number with a sign of which nothing says whether it is before decimals."""
+"""What `with_points` adds to a number with a sign of which nothing says whether it is before decimals."""
 
 MAY_BE_EITHER = (
     "may stand before decimals or between thousands, by the file's other numbers; write none between thousands, and "
@@ -126,7 +126,8 @@ def tells_month_first(cells: Iterable[str]) -> bool | None:
         first, second, year = int(found["D"]), int(found["M"]), int(found["Y"])
         if max(first, second) > MONTHS:
             return second > MONTHS
-        seen.add((year, first, second))
+        if first and second and year:
+            seen.add((year, first, second))
     by_month = [datetime(year, first, second).toordinal() for year, first, second in seen]
     by_day = [datetime(year, second, first).toordinal() for year, first, second in seen]
     spans = [max(days, default=0) - min(days, default=0) for days in (by_month, by_day)]

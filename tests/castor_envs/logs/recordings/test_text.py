@@ -300,6 +300,8 @@ def test_what_is_no_time_of_day_and_no_date_is_text_and_what_increases_beside_it
         "13:00:0{} PM",
         "0:00:0{} am",
         "2024-05-01 13:00:0{} PM",
+        "00/01/2024 12:00:0{}",
+        "01/02/0000 12:00:0{}",
     )
     for cell in odd:
         path = written(tmp_path, "stamp,left\n" + "".join(f"{cell.format(k)},{3 * k}\n" for k in range(1, 5)))
