@@ -57,7 +57,7 @@ class Source:
     clock: "header" or "receive" of ROS messages, a CSV file's column of times (or two, as in "sec + nanosec" and in
     "date + time"), a file of times for KITTI text. unit: of such a column or file;
     left out it is s, or what the recording says where `time` is left out too. period: s, between rows without
-    times, `UNDECIDED` in a first map. offset: s, added to all times, so that clocks of two computers agree.
+    times, "?" in a first map. offset: s, added to all times, so that clocks of two computers agree.
     """
 
     file: _Text | None = _unless(None)
