@@ -89,7 +89,8 @@ def by_all_logs(inclusion: Mapping[str, float], before: Sequence[Answer], after:
 
 def weakest(verdicts: Iterable[Verdict]) -> Verdict:
     """Return the verdict of several together: the weakest of them, or "no discrepancy" if there is none."""
-    return min(verdicts, key=WEAKEST_FIRST.index, default=WEAKEST_FIRST[-1])
+    given = set(verdicts)
+    return next((verdict for verdict in WEAKEST_FIRST if verdict in given), "no discrepancy")
 
 
 def gap_shrinks(before: Seen, after: Seen, material: Material) -> bool:
