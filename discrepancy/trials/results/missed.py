@@ -6,8 +6,7 @@ from typing import Any
 
 from castor_envs.effects.catalogue import EFFECTS, TRAIN_EFFECTS
 from discrepancy.report.parts import MILLI, READ_AS, digits_by, number
-from discrepancy.trials.results.scores import COSTLY, MATTERS, SEPARATE, Trial
-from discrepancy.trials.said import QUIET
+from discrepancy.trials.results.scores import COSTLY, SEPARATE, Trial
 
 Data = dict[str, Any]
 
@@ -29,8 +28,8 @@ def _not_named(case: Trial) -> bool:
 
 
 MISSES: Sequence[tuple[str, Callable[[Trial], bool]]] = (
-    ("broke down", lambda case: case.verdict == "broken"),
-    ("alarm", lambda case: case.label["stratum"] == "clean" and case.verdict not in (*QUIET, "broken")),
+    ("broke down", Trial.broke_down),
+    ("alarm", lambda case: case.label["stratum"] == "clean" and case.alarmed()),
     ("wrong sure name", lambda case: case.label["stratum"] != "wiring" and case.wrong()),
     ("not named", _not_named),
     (
@@ -41,7 +40,7 @@ MISSES: Sequence[tuple[str, Callable[[Trial], bool]]] = (
     ),
     ("not flagged", lambda case: case.label["stratum"] == "outside" and case.to_be_flagged() and not case.flagged()),
     ("not found", lambda case: case.label["stratum"] == "wiring" and not case.exact() and case.verdict != "refused"),
-    ("gap grew", lambda case: case.outcome["gap"] is not None and case.gap_grew(max(MATTERS, case.cost_of_errors()))),
+    ("gap grew", Trial.gap_grew_by_what_matters),
 )
 """What counts against the finder, as `scores.RATES` has it, and which cases it holds of."""
 

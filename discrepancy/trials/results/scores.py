@@ -115,9 +115,25 @@ class Trial:
         """Whether the answer says that something outside the catalogue is there."""
         return self.verdict == "unexplained" or bool(self.outcome["unnamed"])
 
+    def broke_down(self) -> bool:
+        """Whether there is no answer."""
+        return self.verdict == "broken"
+
+    def alarmed(self) -> bool:
+        """Whether the answer is that something that matters is missing."""
+        return self.verdict not in (*QUIET, "broken")
+
+    def has_gaps(self) -> bool:
+        """Whether there is a held-out gap before and after: something is named."""
+        return self.outcome["gap"] is not None
+
     def gap_grew(self, tolerance: float = 0.0) -> bool:
         """Whether the held-out gap is larger after than before, by more than this, m per 10 m."""
-        return self.outcome["gap"]["after"] > self.outcome["gap"]["before"] + tolerance
+        return self.has_gaps() and self.outcome["gap"]["after"] > self.outcome["gap"]["before"] + tolerance
+
+    def gap_grew_by_what_matters(self) -> bool:
+        """Whether the held-out gap is larger, by more than the 95 % errors of the named sizes cost, too."""
+        return self.has_gaps() and self.gap_grew(max(MATTERS, self.cost_of_errors()))
 
     def cost_of_errors(self) -> float:
         """Return what the 95 % errors of the named sizes cost together, m per 10 m."""
@@ -165,7 +181,7 @@ PLAIN = f"{1e3 * COSTLY:g} mm per 10 m and z_sep {SEPARATE:g} or more"
 MATTERING = f"{1e3 * MATTERS:g} mm per 10 m"
 
 RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial], bool]]] = (
-    ("clean: any alarm", "clean", None, lambda case: case.verdict not in (*QUIET, "broken")),
+    ("clean: any alarm", "clean", None, Trial.alarmed),
     ("clean: a sure name", "clean", None, Trial.wrong),
     (
         f"clean, no clean logs given: a sure name that costs over {MATTERING}",
@@ -197,19 +213,14 @@ RATES: Sequence[tuple[str, str, Callable[[Trial], bool] | None, Callable[[Trial]
     ("poor motion: a sure name that is wrong", "poor", None, Trial.wrong),
     ("all but wiring: a sure name that is wrong", "", lambda case: case.label["stratum"] != "wiring", Trial.wrong),
     ("wiring: named, or refused with a reason", "wiring", None, lambda case: case.exact() or case.verdict == "refused"),
-    (
-        "something named: the held-out gap is larger after than before",
-        "",
-        lambda case: case.outcome["gap"] is not None,
-        Trial.gap_grew,
-    ),
+    ("something named: the held-out gap is larger after than before", "", Trial.has_gaps, Trial.gap_grew),
     (
         f"  by more than {MATTERING}, and than the 95 % errors of the named sizes cost",
         "",
-        lambda case: case.outcome["gap"] is not None,
-        lambda case: case.gap_grew(max(MATTERS, case.cost_of_errors())),
+        Trial.has_gaps,
+        Trial.gap_grew_by_what_matters,
     ),
-    ("the finder broke down", "", None, lambda case: case.verdict == "broken"),
+    ("the finder broke down", "", None, Trial.broke_down),
 )
 """Rates to report: a statement; stratum ("": all) and condition (None: none) of the cases that are counted; and what is
 a hit."""
