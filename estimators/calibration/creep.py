@@ -92,7 +92,7 @@ class Creep:
             changes = Changes(
                 geometry, changed, change, state, np.zeros((*model.counts.shape, 0)), np.zeros((*steps, 0))
             )
-            seen = Disagreement.of(model, changes, log.t, np.zeros(steps), np.zeros(steps, dtype=bool))
+            seen = Disagreement.of(model, changes, log.t, np.zeros((*steps, 0)), np.zeros(steps, dtype=bool))
             by_size, by_score, _ = seen.statistics()
             information += by_size[:count, :count] * np.outer(scale, scale)
             score += by_score[:count] * scale

@@ -16,9 +16,9 @@ from castor_envs.effects.floor import Bump
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.steps import Slip
+from castor_envs.geometry.steps import Motion, Slip
 from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.kinematics import Geometry, castor_rates, inverse
 from castor_envs.physics.contact_motion import ContactMotion, ForceBalance
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.likelihood.channels import AVERAGING, Channels
@@ -102,13 +102,23 @@ class Slipping:
 
     @cached_property
     def disagreement(self) -> Array:
-        """The disagreement of wheels (K - 1, rows), m, that the robot's effects cause, and mistakes of wiring: the
-        difference to that of a robot without them whose encoders read the same. A controller that does not know of them
-        leaves none in what it reads."""
+        """The disagreement of wheels (K - 1, rows, 2), m, that the robot's effects cause, and mistakes of wiring, in
+        two ways, of which contacts that creep let parts happen.
+
+        The first: castors and wheels turn as encoders read, and contacts slip; it is the difference to the disagreement
+        of a robot without the effects whose encoders read the same, as a controller that does not know of them leaves
+        none in what it reads. The second: the floor turns castors that trail as they should turn, and their wheels are
+        driven as if they stood where encoders read, as within a backlash.
+        """
         if self._described is None:
-            return np.zeros((len(self._log) - 1, len(self._model.rows)))
-        robot, model, _, read = self._described
-        return model.disagreement(self._channels.geometry, self._state) - model.disagreement(Geometry.of(robot), read)
+            return np.zeros((len(self._log) - 1, len(self._model.rows), 2))
+        robot, model, log, read = self._described
+        built, described = self._channels.geometry, Geometry.of(robot)
+        as_read = model.disagreement(built, self._state) - model.disagreement(described, read)
+        moved, seen = self._channels.motion(log, self._state), Channels(robot).motion(log, read)
+        rolling = built.radius * (_turned_by_floor(built, moved, moved) - _turned_by_floor(described, moved, seen))
+        slips = self._rows(Slip(rolling, np.zeros((len(rolling), built.n_castors))))
+        return np.stack([as_read, slips - model.explained(built, self._state, slips)], axis=-1)
 
     @cached_property
     def _described(self) -> tuple[RobotDescription, LogLikelihood, Log, Array] | None:
@@ -149,3 +159,13 @@ class Slipping:
     def _rows(self, slip: Slip) -> Array:
         """Return slips as the rows (K - 1, rows) of the model."""
         return self._model.rows_of(slip.rolling, slip.side)
+
+
+def _turned_by_floor(geometry: Geometry, moved: Motion, seen: Motion) -> Array:
+    """Return by which angles wheels turn in each step (K - 1, w), rad, that roll as a body moves (`moved`) where
+    castors stand as `seen`; those that trail turn as the floor turns them there."""
+    period = moved.period[:, None]
+    twist, theta = moved.body / period, seen.half_way
+    by_floor = geometry.trailing & ~geometry.driven
+    turning = np.where(by_floor, castor_rates(geometry, theta, twist), seen.turned / period)
+    return period * inverse(geometry, theta, turning, twist).rate

@@ -81,7 +81,7 @@ class Disagreement:
     side slip. t (W,): when windows begin, s. way (K - 1,): way of every step, the mean of its window. steps (W,):
     number of steps in each window. quick: information (C, C), score (C,) and log-likelihood by how short windows differ
     within these, and products of `shared` there with changes by sizes (n, C) and with itself (n, n). share: part of
-    what the robot's effects cause that is there; NaN: they cause none.
+    what the robot's effects cause that is there, in the first way; NaN: they cause none.
     """
 
     seen: Array
@@ -102,10 +102,11 @@ class Disagreement:
     def of(
         cls, model: LogLikelihood, changes: Changes, t: Array, caused: Array, released: NDArray[np.bool_]
     ) -> "Disagreement":
-        """Return the disagreement of a log beyond that (K - 1, rows) which the robot's effects cause, or the part of
-        this that explains most.
+        """Return the disagreement of a log beyond that which the robot's effects cause, or the parts of this that
+        explain most.
 
-        changes: of the candidates' sizes. t (K,): times of samples, s.
+        changes: of the candidates' sizes. t (K,): times of samples, s. caused (K - 1, rows, c): by the effects in c
+        ways, of which the first may be all there is.
         released (K - 1, rows): steps in which a contact may slip freely; their windows do not count.
         """
         geometry, state = changes.geometry, changes.state
@@ -120,12 +121,14 @@ class Disagreement:
         turned = _part_of_way(np.abs(turns), starts, rolled)
         linked = np.where(_linked(counted)[:, None], np.exp(-np.add.reduceat(np.abs(turns), starts, axis=0)), 0.0)
         by_turning = _by_turning(model, geometry, state, turns, along)
-        shares = [(0.0, 0.0)]
-        if np.any(caused):
-            free = ~released.any(axis=1)
-            share = float(np.clip(np.sum((seen * caused)[free]) / np.sum(caused[free] ** 2), 0.0, MOST_CAUSED))
-            shares = [(1.0, 0.0), (0.0, 0.0), (share, 0.0)]
-            shares += [(share, UNEVEN * float(np.hypot(share, 1 - share)))]  # by row: what vanishes, and what is left
+        ways, free = np.eye(caused.shape[-1]), ~released.any(axis=1)
+        shares = [(0 * np.sum(ways, axis=0), False)]
+        shares += [(ways[0], False)] if np.any(caused) else []
+        for count in 1 + np.flatnonzero(np.any(caused, axis=(0, 1))):
+            of_ways = caused[free, :, :count].reshape(-1, count)
+            fitted = np.linalg.lstsq(of_ways, seen[free].reshape(-1), rcond=1e-9)[0]
+            share = np.clip(fitted, 0.0, MOST_CAUSED) @ ways[:count]
+            shares += [(share, False), (share, True)]
 
         def beside(left: Array, shared: Array, summed: Array) -> tuple[Array, _Quick, Array, Array, float]:
             """Return disagreement in long and short windows, score (n,) and information (n, n) on numbers that windows
@@ -144,9 +147,10 @@ class Disagreement:
 
         found = []
         for share, by_row in shares:
-            left, shared = seen - share * caused, by_turning
-            if by_row:
-                shared = np.concatenate([by_turning, (by_row * caused)[..., None] * np.eye(len(along))], axis=-1)
+            left, doubted = seen - caused @ share, list[Array]()
+            for k in np.flatnonzero(share) if by_row else ():  # what vanishes, and what is left
+                doubted.append(UNEVEN * np.hypot(share[k], 1 - share[k]) * caused[..., k, None] * np.eye(len(along)))
+            shared = np.concatenate([by_turning, *doubted], axis=-1)
             summed: Array = np.add.reduceat(shared, starts, axis=0) / rolled[:, None, None]
             numbers = np.zeros(shared.shape[-1])
             of_way, quick, score, information, likely = beside(left, shared, summed)
@@ -161,7 +165,7 @@ class Disagreement:
             likely -= unlikely + float(np.linalg.slogdet(information)[1]) / 2
             found.append((likely, of_way, quick, share, summed))
         _, of_way, quick, share, summed = max(found, key=itemgetter(0))
-        doubt = np.add.reduceat(UNEVEN * np.abs(share * caused), starts, axis=0) / rolled[:, None]
+        doubt = np.add.reduceat(UNEVEN * np.abs(caused @ share), starts, axis=0) / rolled[:, None]
         by_size = []
         most = most_of(len(changes.change) + changes.readings.shape[-1] + changes.slips.shape[-1])
         for steps in blocks(len(way), max(most // (parts * short), 1) * parts * short):
@@ -185,7 +189,7 @@ class Disagreement:
             way=way,
             steps=steps,
             quick=quick.statistics(),
-            share=share if len(shares) > 1 else np.nan,
+            share=float(share[0]) if len(shares) > 1 else np.nan,
         )
 
     def sizes(self) -> Sizes:

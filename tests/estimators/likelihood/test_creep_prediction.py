@@ -8,6 +8,7 @@ import pytest
 from scipy.stats import chi2
 
 from castor_envs.effects.dimensions import PivotBias, PivotOffset, WheelRadius
+from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.effects.wiring import CastorOrder
 from castor_envs.geometry.se2 import relative_pose
 from castor_envs.motion.kinematics import Geometry
@@ -16,6 +17,7 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized, refitted
+from discrepancy.posterior.variances.at_times import at_times
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
 from estimators.likelihood.creep_prediction import LEAST_NOISE, Slipping
@@ -23,6 +25,7 @@ from estimators.likelihood.log_likelihood import LogLikelihood
 
 RADIUS = WheelRadius(castor=3, wheel=2, value=-0.1)
 STEERED = PivotBias(castor=1, value=0.1)
+PLAY = PivotBacklash(castor=5, value=0.22)
 
 
 @cache
@@ -45,6 +48,24 @@ def test_steered_wheels_disagree_as_predicted_of_an_effect_in_the_model():
     whole = design.model.disagreement(design.geometry, design.state)
     whole = np.abs(np.add.reduceat(whole, np.cumsum([0, *disagreement.steps[:-1]]), axis=0))
     assert np.abs(disagreement.seen).mean() < 0.1 * (whole / np.mean(disagreement.way * disagreement.steps[0])).mean()
+
+
+def test_wheels_turn_as_if_their_castor_stood_where_a_stuck_reading_says():
+    """Within a backlash a reading stands still, though the wheels that are driven by it push their castor on, and the
+    floor holds it. In the project's physics the wheels of that castor contradict each other as predicted, but for a
+    part that creep lets vanish; by readings alone that is not explained, and a wheel seems to be at fault at times."""
+    robot = preset("6-castor").with_effects(PLAY)
+    log = driven("6-castor", PLAY)
+    seen = linearise(robot, [log], among=())
+    (disagreement,), (design,) = seen.disagreements, seen.designs
+    rows = [list(design.model.rows).index(k) for k in (8, 9)]  # the wheels of castor 5
+    starts = np.cumsum([0, *disagreement.steps[:-1]])
+    found = design.model.disagreement(design.geometry, design.state)[:, rows]
+    predicted = Slipping(robot, design.model, log, design.state).disagreement[:, rows]
+    found, as_read, by_floor = (np.add.reduceat(of, starts).ravel() for of in (found, *np.moveaxis(predicted, -1, 0)))
+    correlation = np.corrcoef([found, as_read, by_floor])[0]
+    assert correlation[2] > 0.75 > 0.5 > correlation[1]
+    assert at_times(seen, None, [], 200) == []
 
 
 def test_passive_castors_show_a_smaller_disagreement_with_the_effect_in_the_model():

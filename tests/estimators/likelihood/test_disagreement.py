@@ -156,7 +156,7 @@ def test_rows_that_give_way_unequally_are_found_to_by_as_much():
     factor = np.where(np.arange(caused.shape[1]) < 2, 1.2, 0.8)
     left = model.disagreement(design.geometry, state) + 0.5 * factor * caused
     told: Any = Told(model, left)
-    found = Disagreement.of(told, design.changes, log_.t, caused, np.zeros(caused.shape, dtype=bool))
+    found = Disagreement.of(told, design.changes, log_.t, caused[..., None], np.zeros(caused.shape, dtype=bool))
     assert 0.4 < found.share < 0.6
     assert max(found.sizes()) < 2 * LEAST
 
@@ -196,7 +196,7 @@ def test_what_contacts_slip_on_average_as_motors_turn_them_is_not_seen():
     seen = []
     for disagreement in (plain, plain + caused):
         told: Any = Told(model, disagreement)
-        seen.append(Disagreement.of(told, design.changes, turning.t, none, none > 0).seen)
+        seen.append(Disagreement.of(told, design.changes, turning.t, none[..., None], none > 0).seen)
     starts = np.arange(0, len(slips), 20)
     way = np.add.reduceat(np.abs(model.rolled(geometry, state)).max(axis=1), starts)[:, None]
     by_slip = np.add.reduceat(caused, starts, axis=0) / way
