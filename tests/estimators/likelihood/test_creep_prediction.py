@@ -17,7 +17,6 @@ from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import candidates_of
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized, refitted
-from discrepancy.posterior.variances.at_times import at_times
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
 from estimators.likelihood.creep_prediction import LEAST_NOISE, Slipping
@@ -53,7 +52,7 @@ def test_steered_wheels_disagree_as_predicted_of_an_effect_in_the_model():
 def test_wheels_turn_as_if_their_castor_stood_where_a_stuck_reading_says():
     """Within a backlash a reading stands still, though the wheels that are driven by it push their castor on, and the
     floor holds it. In the project's physics the wheels of that castor contradict each other as predicted, but for a
-    part that creep lets vanish; by readings alone that is not explained, and a wheel seems to be at fault at times."""
+    part that creep lets vanish; readings alone do not predict it."""
     robot = preset("6-castor").with_effects(PLAY)
     log = driven("6-castor", PLAY)
     seen = linearise(robot, [log], among=())
@@ -65,7 +64,6 @@ def test_wheels_turn_as_if_their_castor_stood_where_a_stuck_reading_says():
     found, as_read, by_floor = (np.add.reduceat(of, starts).ravel() for of in (found, *np.moveaxis(predicted, -1, 0)))
     correlation = np.corrcoef([found, as_read, by_floor])[0]
     assert correlation[2] > 0.75 > 0.5 > correlation[1]
-    assert at_times(seen, None, [], 200) == []
 
 
 def test_passive_castors_show_a_smaller_disagreement_with_the_effect_in_the_model():
