@@ -34,6 +34,9 @@ Entry = TypeVar("Entry", EstimatorEntry, CalibrationEntry)
 
 FEWEST_TIMED = 50
 
+REPEATED = 1e-9
+"""m and rad: poses of two passes that differ by less are the same, but for rounding."""
+
 
 @dataclass(frozen=True, eq=False)
 class ObservedRun:
@@ -151,7 +154,7 @@ def time_updates(spec: str, source_hash: str, runs: Sequence[ObservedRun]) -> Up
             first, second = (
                 _follow(entry, run.robot, _Start.of(run), run.observations, spent=times).poses for times in passes
             )
-            repeats = repeats and np.array_equal(first, second, equal_nan=True)
+            repeats = repeats and np.allclose(first, second, rtol=0.0, atol=REPEATED, equal_nan=True)
             cheaper = list(map(min, *passes))
             spent += cheaper[1:] or cheaper
             if len(spent) >= FEWEST_TIMED:

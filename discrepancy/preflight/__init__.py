@@ -78,13 +78,14 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
     mistakes = [Mistake(f"{name}: {what}") for name, log in named for what in mistakes_in(robot, log)]
     if mistakes:
         return Preflight(tuple(mistakes))
-    mistakes = [Mistake(f"{name}: {what}") for name, log in named for what in _stopped(robot, log)]
-    if mistakes:
-        return Preflight(tuple(mistakes))
     reported = [f"{name}: {remark}" for name, log in named for remark in remarks(robot, log)]
     likelihood, slid = WiringLikelihood(robot, logs, dead_columns(logs)), False
     if likelihood.sees:
         nominal, best, alike = search(robot, likelihood)
+        if best.misfit.cost > LOG_ODDS:
+            stopped = [f"{name}: {what}" for name, log in named for what in _stopped(robot, log)]
+            if stopped:
+                return Preflight(tuple(map(Mistake, stopped)))
         mistakes = [*_dead(robot, logs, best), *_mistakes(nominal.misfit, best, alike)]
         reported += _poses_off(named, likelihood, best) if likelihood.sees_poses else ()
         left = max(best.misfit.encoders, best.misfit.reference)
@@ -134,13 +135,19 @@ def _named(explanation: Explanation) -> str:
 
 def _stopped(robot: RobotDescription, log: Log) -> Iterator[str]:
     """Yield encoders that stand still from a row on although the other encoders and the reference require that they
-    turn."""
+    turn, and did not contradict them before: what does so all the time is another mistake."""
     nominal = np.eye(len(Channels(robot).names) + 4)
+
+    def contradicts(column: int, rows: slice) -> bool | None:
+        poses = None if log.reference is None else log.reference[rows]
+        part = Log(log.t[rows], log.wheel[rows], log.pivot[rows], reference=poses)
+        with_it, without = (WiringLikelihood(robot, [part], frozenset(out)) for out in ((), (column,)))
+        if not (with_it.sees and without.sees):
+            return None
+        return with_it.of(nominal).cost > without.of(nominal).cost + LOG_ODDS
+
     for column, row in stops(log).items():
-        poses = None if log.reference is None else log.reference[row:]
-        rest = Log(log.t[row:], log.wheel[row:], log.pivot[row:], reference=poses)
-        with_it, without = (WiringLikelihood(robot, [rest], frozenset(out)) for out in ((), (column,)))
-        if with_it.sees and without.sees and with_it.of(nominal).cost > without.of(nominal).cost + LOG_ODDS:
+        if contradicts(column, slice(row, None)) and contradicts(column, slice(row + 1)) is False:
             yield (
                 f"{Channels(robot).names[column]} never changes after row {row + 1} (t {log.t[row]:.6g} s), although "
                 "the others say that it must; check its cable, or leave these rows out"

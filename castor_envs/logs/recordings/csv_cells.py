@@ -24,11 +24,14 @@ DAY, HOUR = 86_400 * 10**9, 3600 * 10**9
 
 _BY = {
     decimal: re.compile(
-        rf"(?=.*\d)[+-]?(?:\d+|[1-9]\d{{0,2}}(?:\{between}\d{{3}})+)?(?:\{decimal}\d*)?(?:[eE][+-]?\d+)?"
+        rf"(?=.*\d)[+-]?(?:\d*(?:\{decimal}\d*)?(?:[eE][+-]?\d+)?|[1-9]\d{{0,2}}(?:\{between}\d{{3}})+(?:\{decimal}\d*)?)"
     )
     for decimal, between in (".,", ",.")
 }
 """Numbers by the sign before their decimals, the other of which may stand between thousands."""
+
+_GROUPS = re.compile(r"[+-]?\d{1,3}([.,])\d{3}(?:\1\d{3})+")
+"""Thousands without decimals, or what is no number at all, as a version."""
 
 UNCLEAR = "?"
 """What `with_points` adds to a number with a sign of which nothing says whether it is before decimals."""
@@ -167,14 +170,30 @@ def decimal_sign(cell: str) -> str | None:
 
 def usual_decimal_sign(rows: Iterable[list[str]]) -> str | None:
     """Return the sign before the decimals of most numbers in the first rows, as many as it takes until one says it; ""
-    where none does, None where there is no row."""
+    where none does, None where there is no row. Nothing but thousands says nothing: it may be a version."""
     signs, row = Counter[str](), 0
     for row, cells in enumerate(rows, start=1):
-        marked = (cell for cell in cells if "." in cell or "," in cell)
+        marked = (cell for cell in cells if ("." in cell or "," in cell) and not _GROUPS.fullmatch(cell))
         signs.update(sign for cell in marked if (sign := decimal_sign(cell)) is not None)
         if signs and row >= SIGNS_AT_ONCE:
             break
     return signs.most_common(1)[0][0] if signs else "" if row else None
+
+
+def decimal_sign_by_columns(rows: Iterable[list[str]]) -> str:
+    """Return the sign before decimals where no number says it: of a column that also has whole numbers from 100 on the
+    other sign is between thousands; else a point, where no number has a comma. "" where it may be either."""
+    whole, signs = set[int](), dict[int, set[str]]()
+    for cells in rows:
+        for k, cell in enumerate(cells):
+            if cell.isdigit():
+                whole |= {k} if len(cell) >= len("100") else set()
+            elif ("." in cell or "," in cell) and _is_numeral(cell):
+                signs.setdefault(k, set()).add("." if "." in cell else ",")
+    between = set[str]().union(*(signs[k] for k in whole & signs.keys()))
+    if between:
+        return "" if len(between) > 1 else "," if "." in between else "."
+    return "" if any("," in of for of in signs.values()) else "."
 
 
 def with_points(cells: list[str], decimal: str | None) -> list[str]:

@@ -21,6 +21,7 @@ from castor_envs.logs.recordings.csv_cells import (
     UNCLEAR,
     cells_of,
     check_clear,
+    decimal_sign_by_columns,
     is_blank,
     is_number,
     is_read,
@@ -44,8 +45,8 @@ FEWEST_READINGS, OFTEN = 3, 0.1
 """Of each signal of a file with a signal's reading a row, on average; and part of rows that name another one than the
 row before: modes and states, which are text too, change less often."""
 
-_SIGN, _POINT_OR_QUOTE, _QUOTED_COMMA = re.compile("[.,]"), re.compile('[."]'), re.compile(r'"[^"]*,\d[^"]*"')
-"""What may be before decimals or between thousands; between cells with commas only a comma in quotes may."""
+_SIGN, _POINT_OR_QUOTE, _ANY = re.compile("[.,]"), re.compile('[."]'), re.compile("")
+"""What may be before decimals or between thousands; between cells with commas only a comma in quotes may. Any line."""
 
 
 def _is_table(path: Path) -> bool:
@@ -147,11 +148,10 @@ class Table:
         """Return the sign before decimals, "" where numbers have signs and none says it."""
         lines = self._lines_with(_POINT_OR_QUOTE if self._delimiter == "," else _SIGN)
         usual = usual_decimal_sign(cells_of(self._path, *line, self._delimiter) for line in lines)
-        if usual is None or (
-            self._delimiter == "," and not usual and next(self._lines_with(_QUOTED_COMMA), None) is None
-        ):
-            return "."
-        return usual
+        if usual == "":
+            every = self._lines_with(_ANY)
+            usual = decimal_sign_by_columns(cells_of(self._path, *line, self._delimiter) for line in every)
+        return "." if usual is None else usual
 
     def _lines_with(self, mark: re.Pattern[str]) -> Iterator[tuple[int, str]]:
         lines = numbered_lines(self._path, [])
@@ -194,13 +194,16 @@ def _left_out(names: Sequence[str], seen: set[str], odd: Mapping[str, tuple[int,
 
 def _lacks_its_end(cell: str, before: Iterable[str]) -> bool:
     """Return whether a number, where a file ends, is cut off: it is shorter than the last one of the rows before, and
-    further from that than `BREAK` of their steps."""
-    numbers = [(len(other), value) for other in before if (value := value_of(other)) is not None]
+    further from that than `BREAK` of their steps, but not once it goes on with as many digits."""
+    numbers = [(other, value) for other in before if (value := value_of(other)) is not None]
     value = value_of(cell)
-    if value is None or len(numbers) < 2 or len(cell) >= numbers[-1][0]:
+    if value is None or len(numbers) < 2 or len(cell) >= len(numbers[-1][0]):
         return False
-    steps = [abs(number - last) for (_, last), (_, number) in itertools.pairwise(numbers)]
-    return abs(value - numbers[-1][1]) > BREAK * max(steps)
+    reach = BREAK * max(abs(number - last) for (_, last), (_, number) in itertools.pairwise(numbers))
+    text, last = numbers[-1]
+    scale = 10.0 ** max(len(text.partition(".")[0]) - len(cell), 0)
+    least, most = scale * abs(value), scale * (abs(value) + 1)
+    return abs(value - last) > reach and least - reach <= abs(last) <= most + reach
 
 
 FORMAT = RecordingFormat("CSV file (.csv, .tsv, .txt)", _is_table, Table)

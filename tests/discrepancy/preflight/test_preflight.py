@@ -4,6 +4,7 @@
 # pyright: reportAttributeAccessIssue=false
 
 import dataclasses
+import math
 import os
 from functools import cache
 from pathlib import Path
@@ -23,6 +24,7 @@ from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy.preflight import preflight
+from discrepancy.preflight.checks import stops
 from discrepancy.preflight.hypotheses import reading_of
 from discrepancy.preflight.likelihood import USUAL, WiringLikelihood
 from discrepancy.preflight.search import search
@@ -294,6 +296,27 @@ def test_a_channel_that_stops_on_the_way_is_a_mistake():
             f"a.csv: {name} never changes after row 201 (t {log.t[200]:.6g} s), although"
         )
         assert found.fatal
+
+
+@pytest.mark.parametrize("effect", [WheelRadius(castor=1, wheel=1, value=0.08), PivotBias(castor=1, value=0.05)])
+def test_another_fault_beside_a_pivot_that_stands_still_is_no_stop(effect):
+    """A swerve drives straight in the second half, its pivots still: what contradicts did so before, too."""
+    swerve = preset("swerve")
+    ways = [Leg((math.cos(0.7 * k), math.sin(0.7 * k), 0.4 * (-1) ** k), 0.8) for k in range(6)] + [
+        Leg((1.0, 0.0, 0.0), 5.0)
+    ]
+    course = Trajectory("ways", tuple(Run((way,), 0.4, 0.5) for way in ways))
+    log = drive(swerve.with_effects(effect), course, 1, duration=course.duration)
+    log = dataclasses.replace(log, command=None, steering_command=None)
+    assert 0 in stops(log)
+    assert not any("never changes" in mistake.what for mistake in preflight(swerve, [log]).mistakes)
+
+
+def test_exchanged_encoders_beside_a_wheel_that_stands_still_are_no_stop():
+    differential = preset("differential")
+    about = Trajectory("about", tuple(Run((Leg(way, 2.0),), 0.3, 0.5) for way in ((1.0, 0.0, 0.3), (0.17, 0.0, -1.0))))
+    found = preflight(differential, [log_of(differential, EncodersSwapped(castor=1), rolled=roll(differential, about))])
+    assert found.effects == (EncodersSwapped(castor=1),)
 
 
 def test_a_robot_that_stops_or_turns_about_a_wheel_has_no_mistake():

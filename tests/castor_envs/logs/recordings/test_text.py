@@ -191,6 +191,11 @@ def test_what_is_left_out_and_why(tmp_path):
         ('t,left,x\n0.000,"0",-33.961\n1.960,"199,082",7\n', 199082.0),
         ("t;left;x\n" + "1;2;3\n" * 300 + "2;1.376;1,5\n", 1376.0),
         ("t,left,x\n1,1.250,1.125\n2,1.376,1.126\n", 1.376),
+        ("t;left\n980;999\n1.000;1.001\n", 1001.0),  # a column that also has whole numbers
+        ("t\tleft\n1.000\t1.125\n1.020\t1.250\n", 1.25),  # points alone
+        ("t\tleft\n1.000\t1.125e+00\n1.020\t1.250e+01\n", 12.5),
+        ("t;left;firmware\n1.000;7;2.104.118\n1.020;8;2.104.118\n", 8.0),
+        ('t,mode,left,note\n0,"auto",1.125,"ok"\n1,"auto",1.250,"ok"\n', 1.25),
     ],
 )
 def test_the_sign_before_decimals_is_that_of_the_file_and_the_other_one_is_between_thousands(tmp_path, text, count):
@@ -201,7 +206,6 @@ def test_the_sign_before_decimals_is_that_of_the_file_and_the_other_one_is_betwe
     ("text", "cell"),
     [
         ('t,left\n"0","1,234"\n"1","2,345"\n', "1,234"),
-        ("t;left\n980;999\n1.000;1.001\n", "1.001"),
         ("t;left\n0;1,376\n1;1,377\n", "1,376"),
         ("t;x;left\n0,00;0,5;1.25\n0,02;0,6;1.250\n", "1.25"),
     ],
@@ -360,6 +364,7 @@ def test_a_last_line_that_is_cut_off_is_left_out_with_a_note(tmp_path):
         (["139880", "139920", "139960", "140000"], False),
         (["12", "11", "10", "9"], False),
         (["1.5", "1.625", "1.75", "2"], False),
+        (["65520", "65524", "65528", "0"], False),  # it wraps
         (["139880", "139"], False),
         (["AUTO", "AUTO", "AU"], False),
     ],
