@@ -103,7 +103,7 @@ class Slipping:
     @cached_property
     def disagreement(self) -> Array:
         """The disagreement of wheels (K - 1, rows, 2), m, that the robot's effects cause, and mistakes of wiring, in
-        two ways, of which contacts that creep let parts happen.
+        two ways, of which contacts that creep let parts happen; in none, (K - 1, rows, 0), without any.
 
         The first: castors and wheels turn as encoders read, and contacts slip; it is the difference to the disagreement
         of a robot without the effects whose encoders read the same, as a controller that does not know of them leaves
@@ -111,7 +111,7 @@ class Slipping:
         driven as if they stood where encoders read, as within a backlash.
         """
         if self._described is None:
-            return np.zeros((len(self._log) - 1, len(self._model.rows), 2))
+            return np.zeros((len(self._log) - 1, len(self._model.rows), 0))
         robot, model, log, read = self._described
         built, described = self._channels.geometry, Geometry.of(robot)
         as_read = model.disagreement(built, self._state) - model.disagreement(described, read)
