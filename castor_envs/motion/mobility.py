@@ -21,6 +21,9 @@ from castor_envs.motion.rolling import SIDEWAYS
 from castor_envs.motion.trajectories import Run, Trajectory
 from castor_envs.vehicles.robot import RobotDescription
 
+AHEAD, ON_THE_SPOT = "m/s", "rad/s"
+"""Units of speeds of runs: of those that go somewhere, and of turns on the spot."""
+
 RANK = 1e-9
 """Singular values below this are 0. Rows are numbers near 1 and lengths in m, to a micrometre."""
 SIDEWAYS_COST = 1e-3
@@ -189,9 +192,6 @@ def check_fast_enough(robot: RobotDescription, trajectory: Trajectory) -> None:
             f"rad/s, and it asks for {needed:.3g}; choose "
             + " and ".join(f"at most {speed:.2g} {unit}" for unit, speed in largest.items())
         )
-
-
-AHEAD, ON_THE_SPOT = "m/s", "rad/s"
 
 
 def _unit(run: Run) -> str:

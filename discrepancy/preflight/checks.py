@@ -163,8 +163,11 @@ def _repeated(log: Log, taken: NDArray[np.intp]) -> Iterator[str]:
     assert log.reference is not None
     moved, turning = ((np.diff(of[taken], axis=0) != 0).any(axis=1) for of in (log.reference, _counts(log)))
     again = ~moved & turning
-    if 2 * np.count_nonzero(again) >= len(again):
-        each = len(again) / max(len(again) - np.count_nonzero(again), 1)
+    repeated = np.count_nonzero(again)
+    if repeated < REPEATED:  # a robot may be back where it was
+        return
+    if 2 * repeated >= len(again):
+        each = len(again) / max(len(again) - repeated, 1)
         yield f"the reference stands in {each:.2g} rows or so with each pose while wheels turn: give it once"
         return
     edges = np.flatnonzero(np.diff(again, prepend=False, append=False))

@@ -387,6 +387,14 @@ def test_a_reference_that_repeats_poses_while_wheels_turn_is_remarked():
     assert place in "".join(said[1])
 
 
+def test_a_robot_that_is_back_at_its_start_repeats_no_pose():
+    log = log_of(ASOC, poses=False)
+    ends = np.full((len(log), 3), np.nan)
+    ends[[0, -1]] = 0.0
+    remarks = preflight(ASOC, [dataclasses.replace(log, reference=ends)]).remarks
+    assert not any("the reference stands" in remark or "repeats a pose" in remark for remark in remarks)
+
+
 def test_counts_that_need_not_be_whole_are_not_remarked():
     """Of pivots whose counts a turn are not whole, as recorded; and of angles and metres, as imported."""
     castors = [dataclasses.replace(castor, pivot_counts_per_rev=4095.7) for castor in ASOC.castors]
