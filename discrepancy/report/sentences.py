@@ -137,8 +137,8 @@ def unfound(data: Data) -> str:
 
 
 def _noise(data: Data) -> list[float]:
-    """Return by how much the reference's own noise alone puts odometry off it, m and rad."""
-    return [math.sqrt(2) * data["noise"][key] for key in ("position_m", "heading_rad")]
+    """Return by how much the reference's own noise alone puts odometry off it (rms), m in x and y together, and rad."""
+    return [math.sqrt(2) * data["noise"]["position_m"], data["noise"]["heading_rad"]]
 
 
 def left_out(data: Data) -> str:

@@ -209,7 +209,7 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
         (answered(noise=None), "The robot's file explains these logs: nothing is missing."),
         (
             answered(noise={"position_m": 0.02, "heading_rad": 0.02}),
-            "explains these logs, beside the reference's own noise of about 28.3 mm and 28.3 mrad: nothing is missing.",
+            "explains these logs, beside the reference's own noise of about 28.3 mm and 20 mrad: nothing is missing.",
         ),
     ],
 )
