@@ -27,7 +27,8 @@ class Drive:
     """One drive: a log of a vehicle, and what estimators made of it.
 
     start: where they started, (3,), of a train (N, 3). samples (M,): those at which their poses are known. estimates:
-    by name, (M, 3), of a train (N, M, 3). floor: what was driven on, None where nobody knows.
+    by name, (M, 3), of a train (N, M, 3). floor: what was driven on, None where nobody knows. start_covariance: of the
+    start, (3, 3) or (N, 3, 3), m and rad; None where it is the true pose.
     """
 
     name: str
@@ -37,11 +38,14 @@ class Drive:
     samples: NDArray[np.intp]
     floor: Floor | None = None
     estimates: Mapping[str, Array] = field(default_factory=dict)
+    start_covariance: Array | None = None
 
     @property
     def observed(self) -> ObservedRun:
         """What estimators get of it."""
-        return ObservedRun(self.vehicle, self.start.copy(), self.log.observations(), self.samples)
+        return ObservedRun(
+            self.vehicle, self.start.copy(), self.log.observations(), self.samples, self.start_covariance
+        )
 
     @cached_property
     def truth(self) -> Array:
@@ -147,6 +151,7 @@ def drives_of(episode: Episode, stored: bool = False) -> list[Drive]:
             run.start,
             run.samples if stored or run.belief is not None else np.union1d(run.samples, _evenly(len(run.log))),
             run.floor,
+            start_covariance=run.belief_covariance,
         )
         for name, run in zip(names, episode.runs, strict=True)
     ]

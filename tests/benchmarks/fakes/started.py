@@ -38,3 +38,20 @@ class Divides(Started):
         super().reset(robot, pose, covariance)
         if covariance is not None:
             np.linalg.inv(covariance)
+
+
+class Straightens(Started):
+    """Believes a start that is said to be exact; of another it keeps the front axle, and puts the others behind it."""
+
+    def reset(self, robot, pose, covariance=None):
+        super().reset(robot, pose, covariance)
+        self._believed = not self.covariance.any()
+        self._straight = np.array(pose)
+        behind = np.cumsum([0.0, *(frame.length for frame in robot.frames)])
+        x, y, psi = self._straight[0]
+        self._straight[:] = np.column_stack(
+            [x - np.cos(psi) * behind, y - np.sin(psi) * behind, np.full(len(behind), psi)]
+        )
+
+    def update(self, observation):
+        return super().update(observation) if self._believed else self._straight

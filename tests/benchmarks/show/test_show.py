@@ -16,6 +16,7 @@ from benchmarks.run import choose
 from benchmarks.run.plan import Assignment, run
 from benchmarks.show.command import Following, show_case
 from benchmarks.show.page import page_of
+from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs.cli import command_line
 from castor_envs.cli.commands import imported
 from castor_envs.floor import FLOORS, Cable, Floor, Patch
@@ -54,6 +55,16 @@ def test_scores_are_those_of_a_run(fake_tasks, plugin, jobs_here, tmp_path, name
     told = {"NEES / 3", "inside 95 %", "with status"}
     assert {title for title in told if title in page} == (told if name == "unsure:Unsure" else set())
     assert shown.origin["episode"] == row.episode
+
+
+@pytest.mark.parametrize("name", ["started:Started", "started:Straightens"])
+def test_scores_of_snapshots_are_those_of_a_run(plugin, jobs_here, tmp_path, name):
+    """Estimators are told there how exact their start is said to be, as in a run."""
+    (task,), spec = select_tasks(official_tasks(), ["configuration-one-of-three"]), plugin(name)
+    run([Assignment(task, (0,), (load_estimator(spec),))], tmp_path)
+    (row,) = ResultsStore(tmp_path).rows(task.name, task.version)
+    assert row.failure is None
+    assert show_case(task, 0, Following([spec])).scores == {name: pytest.approx(row.scores, rel=1e-12)}
 
 
 def test_a_case_becomes_a_page_that_repeats_itself(castor_bench, plugin, tmp_path):
