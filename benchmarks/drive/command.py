@@ -44,12 +44,12 @@ def drive(
     """Open the window, drive, say how far estimators were off, and write the log.
 
     vehicle: a preset's name or a file. record: the log's file, which must not exist yet; the vehicle's file goes beside
-    it, and the floor's unless it is even. longest: s. events, real_time: see `DriveWindow.run`. Raises InputError where
+    it, and the floor's unless it is even; those that are there must say the same. longest: s. events, real_time: see `DriveWindow.run`. Raises InputError where
     anything does not suit.
     """
     env = hand_driven(load_vehicle(vehicle), floor)
     if record is not None:
-        _check_record(record, env.vehicle)
+        _check_record(record, env.vehicle, env.floor)
     recorder = RecordLog(env)
     observation, info = recorder.reset(seed=seed)
     entries = [load_estimator(spec) for spec in (estimators or [DEFAULT_ESTIMATORS[env.vehicle.scope]])]
@@ -83,13 +83,16 @@ def _kept(record: Path | None, recorder: RecordLog, env: HandDrivenEnv[Any]) -> 
         yield
 
 
-def _check_record(record: Path, vehicle: Vehicle) -> None:
+def _check_record(record: Path, vehicle: Vehicle, floor: Floor) -> None:
     """Raise InputError, before the drive, for what would not let its log be written."""
     if record.suffix != ".csv":
         raise InputError(f"--record {record}: logs end in .csv; name one")
     if record.exists():
         raise InputError(f"--record {record}: is there already; name a new file")
     check_beside(record.parent, vehicle, f"--record {record}")
+    ground = _floor_file(record)
+    if ground.exists() and Floor.load(ground) != floor:
+        raise InputError(f"--record {record}: {ground} is another floor; name a new file")
     with writing(f"--record {record}"):
         record.parent.mkdir(parents=True, exist_ok=True)
 
@@ -100,12 +103,18 @@ def _write(record: Path, log: Log, vehicle: Vehicle, floor: Floor) -> None:
         return
     with writing(f"--record {record}"):
         write_log(record, log, vehicle)
-        beside = record.parent / file_name(vehicle)
+        beside, ground = record.parent / file_name(vehicle), _floor_file(record)
         if not beside.exists():
             vehicle.save(beside)
-        if floor != Floor():
-            floor.save(record.with_name(f"{record.stem}-floor.json"))
-    print(f"written: {record}, {beside}")
+        if floor != Floor() and not ground.exists():
+            floor.save(ground)
+    written = (record, beside, ground) if floor != Floor() else (record, beside)
+    print(f"written: {', '.join(map(str, written))}")
+
+
+def _floor_file(record: Path) -> Path:
+    """Return where the floor of a log goes."""
+    return record.with_name(f"{record.stem}-floor.json")
 
 
 def _summary(episode: Episode, log: Log, followers: Sequence[Follower]) -> Iterator[str]:

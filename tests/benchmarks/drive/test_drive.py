@@ -1,9 +1,11 @@
 """A drive by hand, without a screen: keys, the robot, estimators, the window with events put in, and the log."""
 
 import dataclasses
+import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -211,6 +213,8 @@ def test_a_drive_becomes_a_log_and_scores(ride, tmp_path, capsys):
     assert np.all(log.command[0] != 0)
     told = capsys.readouterr().out
     assert "m in 3.0 s" in told
+    names = ("mine.csv", "robot.json", "mine-floor.json")
+    assert f"written: {', '.join(str(tmp_path / 'runs' / name) for name in names)}\n" in told
     # What the estimator said during the drive is what it says of the log.
     estimator = load_estimator("cast-0").factory()
     estimator.reset(robot, reference_of(log)[0])
@@ -328,6 +332,28 @@ def test_mistakes_are_told_before_the_drive(ride, tmp_path, arguments, message):
         arguments = {"record": tmp_path / arguments["record"]}
     with pytest.raises(InputError, match=message):
         ride({0: ["quit"]}, **arguments)
+
+
+WET = Floor(patches=(Patch(center=(0.0, 0.0), size=(1.0, 1.0), friction=0.1),))
+
+
+@pytest.mark.parametrize("floor", ["slippery", None])
+def test_a_floor_file_that_is_there_is_no_other_floor_than_that_of_the_log(ride, tmp_path, floor):
+    """It is the user's own; and beside a log on an even floor it would say what was not driven on."""
+    WET.save("trip-floor.json")
+    before = Path("trip-floor.json").read_bytes()
+    with pytest.raises(InputError, match="trip-floor.json is another floor; name a new file"):
+        ride({0: ["+w"], 10: ["quit"]}, floor=floor, record=tmp_path / "trip.csv")
+    assert Path("trip-floor.json").read_bytes() == before
+    assert not Path("trip.csv").exists()
+
+
+def test_the_floor_file_that_was_driven_on_may_be_that_of_the_log(ride, tmp_path):
+    Path("trip-floor.json").write_text(json.dumps(WET.to_dict()))
+    before = Path("trip-floor.json").read_bytes()
+    ride({0: ["+w"], 10: ["quit"]}, floor="trip-floor.json", record=tmp_path / "trip.csv")
+    assert Path("trip-floor.json").read_bytes() == before
+    assert Path("trip.csv").exists()
 
 
 def test_nothing_driven_writes_nothing(ride, tmp_path, capsys):
