@@ -63,14 +63,19 @@ def writing(named: str) -> Iterator[None]:
         raise InputError(f"{named}: cannot be written to ({error.strerror or error})") from None
 
 
+def check_new_folder(out: Path) -> None:
+    """Raise InputError where a folder that the option --out leads to is there already."""
+    if out.exists() or out.is_symlink():
+        raise InputError(f"--out {out}: is there already; name a new folder")
+
+
 @contextlib.contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
     """Give a folder to fill that becomes `out` at the end; after an error nothing is left of it.
 
     Raises InputError where `out`, named by the option --out, exists already or cannot be written.
     """
-    if out.exists() or out.is_symlink():
-        raise InputError(f"--out {out}: is there already; name a new folder")
+    check_new_folder(out)
     partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
     try:
         with writing(f"--out {out}"):

@@ -37,6 +37,23 @@ def test_sessions_become_folders_of_a_robot_and_its_logs(tmp_path, capsys):
     assert len(read_log(out / "7" / "run-1.csv", load_robot(str(out / "7" / "robot.json")))) == 3
 
 
+def test_sessions_that_are_there_are_left_alone(tmp_path, capsys):
+    """Robot files may have been edited since; nothing else is written then."""
+    folder = tmp_path / "data" / "optiodom" / "diff"
+    for name in ("7", "8"):
+        (folder / name).mkdir(parents=True)
+        (folder / name / f"{name}_metadata.csv").write_text(METADATA)
+        (folder / name / f"{name}_run-01.csv").write_text(RUN)
+    edited = tmp_path / "measured" / "8" / "robot.json"
+    edited.parent.mkdir(parents=True)
+    edited.write_text("edited")
+    code, printed, said = call(capsys, "import", tmp_path / "data", "--out", tmp_path / "measured")
+    assert (code, printed) == (2, "")
+    assert said == f"error: --out {edited.parent}: is there already; name a new folder\n"
+    assert edited.read_text() == "edited"
+    assert [path.name for path in edited.parents[1].rglob("*")] == ["8", "robot.json"]
+
+
 def test_what_no_importer_knows_is_refused_in_one_line(tmp_path, capsys):
     code, printed, said = call(capsys, "import", tmp_path, "--out", tmp_path / "out")
     assert (code, printed) == (2, "")

@@ -12,6 +12,7 @@ from typing import Protocol
 
 from castor_envs.discovery import offers
 from castor_envs.errors import InputError, did_you_mean
+from castor_envs.files import check_new_folder, new_folder
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
 from castor_envs.logs.reference import ReferenceNoise, TimedPoses
@@ -84,12 +85,17 @@ def import_sessions(
     """Write the sessions in `source` as logs; yield, as each is done, its folder below `out` and the session.
 
     A folder holds ``robot.json`` or ``train.json`` and ``run-1.csv``, ... name: of the importer; None takes the one
-    that recognises the data. Raises InputError for data that cannot be read.
+    that recognises the data. A session is there as a whole or not at all. Raises InputError for data that cannot be
+    read, and, before anything is written, for a session whose folder is there already.
     """
     chosen = importer_of(source) if name is None else importer(name)
-    for session_name, path in chosen.find(Path(source)).items():
-        session, folder = chosen.read(path), Path(out) / session_name
-        session.vehicle.save(folder / file_name(session.vehicle))
-        for number, (run, tracked) in enumerate(zip_longest(session.runs, session.tracked), start=1):
-            write_log(folder / f"run-{number}.csv", run, session.vehicle, tracked)
+    found = {Path(out) / session: path for session, path in chosen.find(Path(source)).items()}
+    for folder in found:
+        check_new_folder(folder)
+    for folder, path in found.items():
+        session = chosen.read(path)
+        with new_folder(folder) as partial:
+            session.vehicle.save(partial / file_name(session.vehicle))
+            for number, (run, tracked) in enumerate(zip_longest(session.runs, session.tracked), start=1):
+                write_log(partial / f"run-{number}.csv", run, session.vehicle, tracked)
         yield folder, session
