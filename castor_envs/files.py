@@ -1,6 +1,7 @@
 """Writing files so that they are whole or not there, and reading them with clear errors."""
 
 import contextlib
+import hashlib
 import json
 import os
 import re
@@ -124,6 +125,15 @@ def _remove_if_left_over(path: Path) -> None:
             os.close(descriptor)
     if time.time() - path.lstat().st_mtime > LEFT_OVER:
         path.unlink()
+
+
+def digest_of(folder: Path) -> str:
+    """Return a hash of the names and contents of all files in a folder and in those in it; raises OSError."""
+    seen = hashlib.sha256()
+    for path in sorted(path for path in folder.rglob("*") if path.is_file()):
+        for part in (path.relative_to(folder).as_posix().encode(), path.read_bytes()):
+            seen.update(len(part).to_bytes(8, "little") + part)
+    return seen.hexdigest()[:16]
 
 
 def write_json(path: Path, data: Any) -> None:

@@ -17,7 +17,7 @@ from benchmarks.results.rows import DECLINED, ResultsStore, RowSummary, UpdateCo
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.path_metrics import ATTAINED, STANDING_STILL, attained
 from benchmarks.scoring.registry import BOARD_METRICS
-from benchmarks.tasks.task import Case, Task, odometry_of
+from benchmarks.tasks.task import Case, Task, odometry_of, source_of
 from castor_envs.vehicles.train import TrainDescription
 
 
@@ -191,7 +191,7 @@ def _recorded(
     digests: dict[Case, str] = {}
     for case in dict.fromkeys(cases):
         try:
-            digest = episodes.digest(task.name, task.version, case)
+            digest = episodes.digest(task.name, task.version, case, source_of(task, case))
         except CorruptFileError as error:
             refused.append(error)
             continue

@@ -21,7 +21,7 @@ from benchmarks.results.archives import (
 )
 from benchmarks.results.kept import kept_beside
 from benchmarks.results.provenance import Origin, provenance, world_digest
-from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
+from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task, source_of
 from castor_envs.description import CONFIG, Length
 from castor_envs.errors import InputError
 from castor_envs.files import write_atomically
@@ -38,7 +38,7 @@ from estimators.plugins.registry import load_estimator
 FORMAT = "castor-episode/3"
 BELIEFS_FORMAT = "castor-beliefs/1"
 RECORDINGS_FORMAT = "castor-recordings/1"
-SUMMARY_FORMAT = "castor-episodes/1"
+SUMMARY_FORMAT = "castor-episodes/2"
 _PARTS = ("t", "wheel", "pivot", "command", "steering_command", "reference", "gyro", "fix", "fix_age", "rps", "rps_age")
 
 
@@ -83,6 +83,7 @@ class _Metadata:
     runs: tuple[_RunMetadata, ...]
     origin: Origin
     calibration: _CalibrationMetadata | None = None
+    source: Name | None = None  # a hash of the data that the task has it from
 
 
 _ADAPTER = TypeAdapter(_Metadata)
@@ -106,12 +107,12 @@ class EpisodeStore:
         """Return the file of an episode."""
         return self.root / f"{task}@{version}" / file_name(case)
 
-    def digest(self, task: str, version: int, case: Case) -> str | None:
+    def digest(self, task: str, version: int, case: Case, source: str | None = None) -> str | None:
         """Return the digest of a stored episode; raises CorruptFileError.
 
-        None if it is not there, or if it was recorded by another version of the world or of the tasks, or for another
-        version of the odometry that follows calibrated robots: then it is recorded again, and if it differs, its rows
-        are computed again too.
+        None if it is not there, or if it was recorded by another version of the world or of the tasks, of other data,
+        or for another version of the odometry that follows calibrated robots: then it is recorded again, and if it
+        differs, its rows are computed again too. source: of the data that are there (`source_of`); None: any will do.
         """
         path = self.path(task, version, case)
         try:
@@ -121,8 +122,10 @@ class EpisodeStore:
             return None
         _check_place(path, stored, task, version, case)
         try:
-            current = stored.world == world_digest() and (
-                stored.odometry is None or stored.odometry_source == _source_now(stored.odometry)
+            current = (
+                stored.world == world_digest()
+                and (source is None or stored.source == source)
+                and (stored.odometry is None or stored.odometry_source == _source_now(stored.odometry))
             )
         except InputError as error:
             raise CorruptFileError(path, str(error)) from None
@@ -179,6 +182,7 @@ class EpisodeStore:
             ),
             origin=provenance(),
             calibration=None if calibration is None else _calibration_metadata(calibration),
+            source=source_of(task, case),
         )
         logs = {f"{k}": run.log for k, run in enumerate(episode.runs)}
         if calibration is not None:
@@ -257,6 +261,7 @@ class _Stored(NamedTuple):
     case: Case
     digest: str
     world: str
+    source: str | None
     odometry: str | None
     odometry_source: str | None
 
@@ -265,7 +270,8 @@ def _read(path: Path) -> _Stored:
     metadata = read_metadata(path, FORMAT, _ADAPTER)
     odometry = metadata.calibration
     of = (None, None) if odometry is None else (odometry.odometry, odometry.odometry_source)
-    return _Stored(metadata.task, metadata.task_version, metadata.case, metadata.digest, metadata.origin.world, *of)
+    place = (metadata.task, metadata.task_version, metadata.case)
+    return _Stored(*place, metadata.digest, metadata.origin.world, metadata.source, *of)
 
 
 def _summary(path: Path) -> list[Any] | None:

@@ -27,7 +27,7 @@ from benchmarks.run.evaluate import Competitor, Estimating, Work, owner_of
 from benchmarks.run.record import record_episode, record_missing
 from benchmarks.run.worker_estimate import observed_runs, time_updates
 from benchmarks.scoring.registry import BOARD_METRICS
-from benchmarks.tasks.task import Case, Episode, Task, odometry_of
+from benchmarks.tasks.task import Case, Episode, Task, odometry_of, source_of
 from castor_envs.files import writing
 from castor_envs.processes import Done, InOrder, Job, run_jobs
 from castor_envs.vehicles.robot import RobotDescription
@@ -125,7 +125,7 @@ class _Run:
         """Return whether a case's episode is needed and missing, or was recorded by another version of the world."""
         task = assignment.task
         try:
-            stored = self.episodes.digest(task.name, task.version, case)
+            stored = self.episodes.digest(task.name, task.version, case, source_of(task, case))
         except CorruptFileError as error:
             self.progress.warn(f"{error}; it is recorded again")
             return True

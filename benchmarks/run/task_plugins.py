@@ -69,6 +69,19 @@ class PluggedTask:
             raise InputError(f"{place}: record returns {type(episode).__name__} instead of an Episode")
         return episode
 
+    def source_digest(self, case: Case) -> str | None:
+        """Return what the task says of the data of a case, None where it says nothing; raises InputError as `record`."""
+        offered = getattr(self._task, "source_digest", None)
+        try:
+            digest = None if offered is None else offered(case)
+        except InputError:
+            raise
+        except Exception as error:
+            raise InputError(f"task {self.spec!r}, case {case!r}: source_digest raises {one_line(error)}") from None
+        if offered is not None and (not isinstance(digest, str) or not digest):
+            raise InputError(f"task {self.spec!r}, case {case!r}: source_digest returns {digest!r} instead of a text")
+        return digest
+
     def __reduce__(self) -> tuple[Any, tuple[str, str]]:
         return _again, (self.spec, self._source_hash)
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.tasks.task import Calibration, Case, Episode, Run, Task
+from castor_envs.files import digest_of
 from castor_envs.logs.importers.optiodom import (
     REFERENCE_NOISE,
     find_sessions,
@@ -63,6 +64,12 @@ class MeasuredUMBmark:
         driven = zip(session.runs, session.directions, strict=True)
         return Episode(robot, tuple(Run(log, way, reference_noise=REFERENCE_NOISE) for log, way in driven))
 
+    def source_digest(self, case: Case) -> str:
+        """Return a hash of a session's files."""
+        if self.data is None:
+            raise ValueError(self.missing)
+        return digest_of(find_sessions(self.data)[str(case)])
+
 
 @dataclass(frozen=True)
 class MeasuredCalibration:
@@ -112,6 +119,12 @@ class MeasuredCalibration:
             recordings += [Recording(log, side=session.side) for log in logs[::2]]
             runs += [Run(log, way) for log in logs[1::2]]
         return Episode(session.robot, tuple(runs), Calibration.by(self.followed_by, recordings))
+
+    def source_digest(self, case: Case) -> str:
+        """Return a hash of a session's files."""
+        if self.data is None:
+            raise ValueError(self.missing)
+        return digest_of(find_sessions(self.data)[str(case)])
 
 
 def _missing(data: Path | None) -> str | None:

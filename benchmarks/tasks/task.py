@@ -197,6 +197,9 @@ def _bytes(array: NDArray | None) -> bytes:
 class Task(Protocol):
     """A test with a fixed meaning: whenever what it records changes, its version goes up.
 
+    A task on data that others can replace may have a function `source_digest` that returns a hash of what a case's
+    episode is made of: where it differs from that of the stored episode, the episode is recorded again (`source_of`).
+
     A task that judges calibration methods instead of estimators has a further attribute, `followed_by`: the spec of the
     estimator that follows the test runs; its episodes have a `Calibration`.
 
@@ -255,6 +258,12 @@ class Task(Protocol):
     def record(self, case: Case) -> Episode:
         """Return the episode of a case: the same one, bit for bit, every time and in every process."""
         ...
+
+
+def source_of(task: Task, case: Case) -> str | None:
+    """Return a hash of the data that a case's episode is made of; None where the task says none or lacks its data."""
+    offered = getattr(task, "source_digest", None)
+    return None if offered is None or task.missing is not None else offered(case)
 
 
 def odometry_of(task: Task) -> str | None:

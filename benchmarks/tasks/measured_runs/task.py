@@ -1,5 +1,6 @@
 """Drives of measured robots: every session that a folder holds is a case."""
 
+import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -9,6 +10,7 @@ from benchmarks.tasks.measured_runs.body_reference import Calibrated, calibrated
 from benchmarks.tasks.measured_runs.splits import divided, grip
 from benchmarks.tasks.task import Case, Episode, Run
 from castor_envs.errors import Declined, InputError
+from castor_envs.files import digest_of
 from castor_envs.logs.importers import importer
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import RobotDescription
@@ -81,6 +83,15 @@ class MeasuredDrives:
             raise InputError(f"{path}: {error}") from None
         return Episode(found.robot if self.calibrated else robot, runs)
 
+    def source_digest(self, case: Case) -> str:
+        """Return a hash of a session's files; of one robot's sessions of all, as one of them calibrates for the others."""
+        if self.data is None:
+            raise ValueError(self.missing)
+        sources = _sources(self.importer, self.data)
+        if self.one_robot:
+            return hashlib.sha256(repr(sources).encode()).hexdigest()[:16]
+        return sources[str(case)]
+
     def _grip(self, path: Path) -> float:
         session = _session(self.importer, path, self.way)
         return 0.0 if session is None else grip(session[1])
@@ -101,6 +112,12 @@ Divided = tuple[RobotDescription, tuple, tuple]
 def _found(name: str, data: Path) -> Mapping[str, Path]:
     """Return the sessions in a folder, by name."""
     return importer(name).find(data)
+
+
+@cache
+def _sources(name: str, data: Path) -> Mapping[str, str]:
+    """Return a hash of the files of each session in a folder, by name."""
+    return {session: digest_of(path) for session, path in _found(name, data).items()}
 
 
 @cache

@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -78,6 +79,20 @@ class BadInput(Arcs):
         if case in self.bad:
             raise InputError("run-01.csv, line 3: not a number")
         return super().record(case)
+
+
+@dataclass(frozen=True)
+class OfData(Arcs):
+    """Arcs whose robot files depend on what a file says: a number to add to the case."""
+
+    name: str = "of-data"
+    data: Path | None = None
+
+    def source_digest(self, case):
+        return self.data.read_text()
+
+    def record(self, case):
+        return super().record(case + int(self.data.read_text()))
 
 
 @dataclass(frozen=True)

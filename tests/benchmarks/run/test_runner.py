@@ -356,6 +356,28 @@ def test_episodes_of_another_world_are_recorded_again(tmp_path, fake_tasks, plug
     assert heard_other_world.stages["running estimators"] == 0  # this world records the same
 
 
+def test_episodes_of_other_data_are_recorded_again(tmp_path, fake_tasks, plugin, jobs_here):
+    """Data under the same name, replaced or in another folder, have rows of their own; the same data elsewhere not."""
+    results, files = tmp_path / "results", [tmp_path / name for name in ("first", "same", "other")]
+    for file, text in zip(files, ("1", "1", "2"), strict=True):
+        file.write_text(text)
+    first, same, other = (fake_tasks.OfData(data=file) for file in files)
+    spec = plugin("followers:Follower")
+    seen = []
+    for task in (first, same, other, first):
+        heard = Heard()
+        run([Assignment(task, (0, 1), (load_estimator(spec),))], results, progress=heard)
+        seen.append((heard.stages["recording episodes"], heard.stages["running estimators"]))
+        episodes = {case: row.episode for (_, case), row in rows_of(results, task).items()}
+        assert episodes == {case: task.record(case).digest for case in (0, 1)}
+    assert seen == [(2, 2), (0, 0), (2, 2), (2, 2)]
+    store = EpisodeStore(results)
+    assert store.digest(first.name, 1, 0, "2") is None
+    assert store.digest(first.name, 1, 0, "1") == store.digest(first.name, 1, 0) == first.record(0).digest
+    (board,) = build([fake_tasks.OfData(missing="not given")], results).boards  # without the data, boards can be shown all the same
+    assert board.cases == (0, 1)
+
+
 def test_a_refusal_declines_the_robot_and_a_value_error_does_not(tmp_path, fake_tasks, jobs_here):
     """On a stack too; there other errors may be of broadcasting, and single runs are tried."""
     file, task = tmp_path / "mine.py", fake_tasks.Arcs()

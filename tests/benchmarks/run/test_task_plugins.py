@@ -127,6 +127,17 @@ def test_what_fails_in_record_is_named(old, new, words):
         load_task("my_task.py").record(3)
 
 
+def test_a_hash_of_its_data_is_asked_for_and_no_text_is_refused():
+    offered = "    def source_digest(self, case):\n        return {}\n\n    def record"
+    assert load_task("my_task.py").source_digest(0) is None
+    Path("my_task.py").write_text(CORRIDOR.replace("    def record", offered.format('f"measured on day {case}"')))
+    assert load_task("my_task.py").source_digest(3) == "measured on day 3"
+    for returned, words in (("7", "source_digest returns 7 instead of a text"), ("1 / 0", "raises ZeroDivisionError")):
+        Path("my_task.py").write_text(CORRIDOR.replace("    def record", offered.format(returned)))
+        with pytest.raises(InputError, match=words):
+            load_task("my_task.py").source_digest(0)
+
+
 def test_a_task_that_hangs_is_refused():
     Path("my_task.py").write_text("while True: pass")
     with pytest.raises(InputError, match=r"task 'my_task.py' cannot be loaded: took over 1 s"):

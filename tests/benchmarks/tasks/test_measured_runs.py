@@ -3,6 +3,7 @@
 import contextlib
 import dataclasses
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -102,6 +103,20 @@ def test_what_a_folder_lacks_is_said(data, tmp_path):
         assert list(task.cases()) == []
         with pytest.raises(ValueError, match=words):
             raise ValueError(task.missing)
+
+
+def test_a_hash_of_a_sessions_files_tells_other_data_under_its_name(data, tmp_path):
+    task = task_named("measured-differential-nominal", data)
+    shutil.copytree(data / "optiodom", tmp_path / "same" / "optiodom")
+    shutil.copytree(data / "optiodom", tmp_path / "other" / "optiodom")
+    (changed,) = (tmp_path / "other").rglob("alone_run-01.csv")
+    changed.write_text(changed.read_text().replace("\n0.05,", "\n0.051,"))
+    same, other = (task_named(task.name, tmp_path / name) for name in ("same", "other"))
+    for case, differs in (("alone", True), ("last-tuesday", False)):
+        assert same.source_digest(case) == task.source_digest(case)
+        assert (other.source_digest(case) != task.source_digest(case)) == differs
+    together, changed = (dataclasses.replace(one, one_robot=True) for one in (task, other))
+    assert together.source_digest("last-tuesday") != changed.source_digest("last-tuesday")  # others calibrate for it
 
 
 @pytest.mark.parametrize("case", ["alone", "last-tuesday"])
