@@ -44,8 +44,8 @@ def drive(
     """Open the window, drive, say how far estimators were off, and write the log.
 
     vehicle: a preset's name or a file. record: the log's file, which must not exist yet; the vehicle's file goes beside
-    it, and the floor's unless it is even; those that are there must say the same. longest: s. events, real_time: see `DriveWindow.run`. Raises InputError where
-    anything does not suit.
+    it, and the floor's unless it is even; those that are there must say the same. longest: s. events, real_time: see
+    `DriveWindow.run`. Raises InputError where anything does not suit.
     """
     env = hand_driven(load_vehicle(vehicle), floor)
     if record is not None:

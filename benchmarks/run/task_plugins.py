@@ -70,7 +70,7 @@ class PluggedTask:
         return episode
 
     def source_digest(self, case: Case) -> str | None:
-        """Return what the task says of the data of a case, None where it says nothing; raises InputError as `record`."""
+        """Return what the task says of a case's data, None where it says nothing; raises InputError as `record`."""
         offered = getattr(self._task, "source_digest", None)
         try:
             digest = None if offered is None else offered(case)

@@ -84,7 +84,7 @@ class MeasuredDrives:
         return Episode(found.robot if self.calibrated else robot, runs)
 
     def source_digest(self, case: Case) -> str:
-        """Return a hash of a session's files; of one robot's sessions of all, as one of them calibrates for the others."""
+        """Return a hash of a session's files; of one robot's sessions of all, as one calibrates for the others."""
         if self.data is None:
             raise ValueError(self.missing)
         sources = _sources(self.importer, self.data)

@@ -342,7 +342,7 @@ def test_a_floor_file_that_is_there_is_no_other_floor_than_that_of_the_log(ride,
     """It is the user's own; and beside a log on an even floor it would say what was not driven on."""
     WET.save("trip-floor.json")
     before = Path("trip-floor.json").read_bytes()
-    with pytest.raises(InputError, match="trip-floor.json is another floor; name a new file"):
+    with pytest.raises(InputError, match=r"trip-floor\.json is another floor; name a new file"):
         ride({0: ["+w"], 10: ["quit"]}, floor=floor, record=tmp_path / "trip.csv")
     assert Path("trip-floor.json").read_bytes() == before
     assert not Path("trip.csv").exists()

@@ -374,7 +374,7 @@ def test_episodes_of_other_data_are_recorded_again(tmp_path, fake_tasks, plugin,
     store = EpisodeStore(results)
     assert store.digest(first.name, 1, 0, "2") is None
     assert store.digest(first.name, 1, 0, "1") == store.digest(first.name, 1, 0) == first.record(0).digest
-    (board,) = build([fake_tasks.OfData(missing="not given")], results).boards  # without the data, boards can be shown all the same
+    (board,) = build([fake_tasks.OfData(missing="not given")], results).boards  # which can be shown without the data
     assert board.cases == (0, 1)
 
 
