@@ -13,6 +13,7 @@ from pydantic.dataclasses import dataclass
 
 import benchmarks.tasks
 import castor_envs
+import estimators
 from castor_envs.description import CONFIG
 
 _PACKAGES = ("castor-envs", "numpy", "pymunk", "numba", "robotpy-wpimath")
@@ -53,14 +54,26 @@ def _versions() -> dict[str, str]:
 
 @cache
 def world_digest() -> str:
-    """Return a hash of the source code that records episodes: `castor_envs` without rendering, and the tasks."""
+    """Return a hash of the source code that records episodes."""
     seen = hashlib.sha256()
-    for package in (castor_envs, benchmarks.tasks):
+    for path, name in world_files().items():
+        seen.update(name.encode() + b"\0" + path.read_bytes())
+    return seen.hexdigest()[:16]
+
+
+def world_files() -> dict[Path, str]:
+    """Return the files that say what an episode is, with their places in their packages.
+
+    They are `castor_envs` without rendering, the tasks, and `estimators`, from which tasks have true shapes,
+    references, oracles and calibrated robots: an edit of one that changes no episode costs a recording, and no row.
+    """
+    found = {}
+    for package in (castor_envs, benchmarks.tasks, estimators):
         folder = Path(package.__path__[0])
         for path in sorted(folder.rglob("*.py")):
             if "rendering" not in path.parts:
-                seen.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
-    return seen.hexdigest()[:16]
+                found[path] = path.relative_to(folder).as_posix()
+    return found
 
 
 def provenance() -> Origin:
