@@ -26,6 +26,9 @@ STANDING_STILL = "ate_standing_still"
 ATTAINED = "attained"
 """Computed by boards (`attained`), as it needs the scores of two references beside the estimator's."""
 
+SEGMENT = 1.0
+"""m, over which relative errors are taken."""
+
 DRIFT_DISTANCES = (10.0, 20.0, 50.0, 100.0)
 """m, over which the error per distance is taken; as KITTI's, for robots in halls instead of cars on roads."""
 
@@ -56,7 +59,7 @@ class RelativeError(NamedTuple):
     rotation: Array
 
 
-def relative_pose_error(true: ArrayLike, estimated: ArrayLike, distance: float = 1.0) -> RelativeError:
+def relative_pose_error(true: ArrayLike, estimated: ArrayLike, distance: float = SEGMENT) -> RelativeError:
     """Return the mean error of the motion over segments of a fixed true distance (m), as KITTI does, in the plane.
 
     true (N, 3), estimated (..., N, 3). A segment starts at every sample and ends at the first one by which the robot
@@ -66,9 +69,8 @@ def relative_pose_error(true: ArrayLike, estimated: ArrayLike, distance: float =
     `distance`.
     """
     true, estimated = np.asarray(true, dtype=float), np.asarray(estimated, dtype=float)
-    steps = np.linalg.norm(np.diff(true[:, :2], axis=0), axis=-1)
-    travelled = np.concatenate([[0.0], np.cumsum(steps)])
-    end = np.searchsorted(travelled, travelled + distance * (1.0 - 1e-9))
+    travelled = _travelled(true)
+    end = np.searchsorted(travelled, travelled + _reached(distance))
     start = np.flatnonzero(end < len(true))
     end = end[start]
     if not start.size:
@@ -81,6 +83,17 @@ def relative_pose_error(true: ArrayLike, estimated: ArrayLike, distance: float =
     return RelativeError(np.mean(translation, axis=-1), np.mean(np.abs(off[..., 2]) / length, axis=-1))
 
 
+def _travelled(true: Array) -> Array:
+    """Return how far a path (N, 3) has come at its samples (N,), m."""
+    steps = np.linalg.norm(np.diff(true[:, :2], axis=0), axis=-1)
+    return np.concatenate([[0.0], np.cumsum(steps)])
+
+
+def _reached(distance: float) -> float:
+    """Return from which way on a distance counts as travelled, but for rounding."""
+    return distance * (1.0 - 1e-9)
+
+
 @shared
 def _ends(judged: Judged) -> list[EndPointError] | None:
     """Return how far the ends of a robot's paths are off; None of trains, whose axles have separate metrics."""
@@ -88,8 +101,12 @@ def _ends(judged: Judged) -> list[EndPointError] | None:
 
 
 @shared
-def _relative(judged: Judged) -> list[RelativeError] | None:
-    return None if judged.of_train else [relative_pose_error(true, estimate) for _, true, estimate in judged.scored]
+def _relative(judged: Judged) -> list[RelativeError]:
+    """Return the relative errors of those of a robot's runs that are long enough for them."""
+    paths = [] if judged.of_train else judged.scored
+    return [
+        relative_pose_error(true, estimate) for _, true, estimate in paths if _travelled(true)[-1] >= _reached(SEGMENT)
+    ]
 
 
 def _end_point_position(judged: Judged) -> np.floating | None:
@@ -104,12 +121,12 @@ def _end_point_heading(judged: Judged) -> np.floating | None:
 
 def _rpe_translation(judged: Judged) -> np.floating | None:
     errors = _relative(judged)
-    return None if errors is None else np.mean([error.translation for error in errors])
+    return np.mean([error.translation for error in errors]) if errors else None
 
 
 def _rpe_rotation(judged: Judged) -> np.floating | None:
     errors = _relative(judged)
-    return None if errors is None else np.mean([error.rotation for error in errors])
+    return np.mean([error.rotation for error in errors]) if errors else None
 
 
 def _ate(judged: Judged) -> np.floating | None:
@@ -128,9 +145,10 @@ def drift(true: ArrayLike, estimated: ArrayLike) -> float | None:
 
     true, estimated (N, 3). Of distances longer than the path nothing is taken; None where all are.
     """
-    errors = [relative_pose_error(true, estimated, distance).translation for distance in DRIFT_DISTANCES]
-    known = [float(error) for error in errors if np.isfinite(error)]
-    return float(np.mean(known)) if known else None
+    way = _travelled(np.asarray(true, dtype=float))[-1]
+    reached = [distance for distance in DRIFT_DISTANCES if way >= _reached(distance)]
+    errors = [relative_pose_error(true, estimated, distance).translation for distance in reached]
+    return float(np.mean(errors)) if errors else None
 
 
 def _drift(judged: Judged) -> float | None:
@@ -233,7 +251,7 @@ METRICS = (
         short="RPE",
         shown_unit="mm/m",
         factor=1e3,
-        description="error of the motion over 1 m of true path, mean",
+        description="error of the motion over 1 m of true path, mean over the runs that are as long",
         place=90,
         column=Column(place=140, keep=50),
     ),
@@ -246,7 +264,7 @@ METRICS = (
         short="RPE",
         shown_unit="deg/m",
         factor=180.0 / np.pi,
-        description="heading error over 1 m of true path, mean",
+        description="heading error over 1 m of true path, mean over the runs that are as long",
         place=100,
     ),
 )

@@ -112,6 +112,34 @@ def test_other_paths_have_no_umbmark_scores():
     assert scores["end_point_position"] == pytest.approx(0.5)
 
 
+def straight_runs(*ways):
+    """Return an episode of runs straight ahead at 0.5 m/s, of so many metres, and estimates that are 1 % too long."""
+    logs = []
+    for way in ways:
+        t = np.arange(0, way / 0.5 + 1e-9, 0.05)
+        reference = np.stack([0.5 * t, 0 * t, 0 * t], axis=-1)
+        logs.append(Log(t, np.zeros((len(t), 2)), np.empty((len(t), 0)), reference=reference))
+    episode = Episode(differential(), tuple(map(Run, logs)))
+    return episode, [run.truth * [1.01, 1, 1] for run in episode.runs]
+
+
+OF_SEGMENTS = ("rpe_translation", "rpe_rotation", "drift")
+
+
+def test_runs_that_are_too_short_for_a_relative_error_leave_it_to_the_others():
+    scores = score(*straight_runs(12.0, 0.5, 4.0))
+    assert [scores[name] for name in OF_SEGMENTS] == pytest.approx([0.01, 0.0, 0.01])
+    assert score(*straight_runs(0.5, 0.9)).keys().isdisjoint(OF_SEGMENTS)
+    assert "rpe_translation" in score(*straight_runs(1.0))
+
+
+def test_an_estimate_without_end_is_not_left_out_of_relative_errors():
+    episode, (first, second) = straight_runs(12.0, 12.0)
+    with np.errstate(all="ignore"):
+        scores = score(episode, [first, second * [1e308, 1, 1]])
+    assert not any(np.isfinite(scores[name]) for name in ("rpe_translation", "drift"))
+
+
 def test_the_truth_scores_zero():
     episode, _ = square_episode([], [("cw", False), ("ccw", False), ("cw", True), ("ccw", True)])
     scores = score(episode, [run.truth for run in episode.runs])
