@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.provenance import provenance
+from benchmarks.results.references import reference_store
 from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.task import Task
@@ -29,10 +30,13 @@ class Rescored:
     problem: str | None = None
 
 
-def rescore(results: Path, task: str, version: int) -> Iterator[Rescored]:
-    """Yield all rows of a task version with their scores computed anew, no estimator run; writes nothing."""
+def rescore(results: Path, task: str, version: int, store: ResultsStore | None = None) -> Iterator[Rescored]:
+    """Yield all rows of a task version with their scores computed anew, no estimator run; writes nothing.
+
+    store: the rows, those of estimators unless given; of the references that of `reference_store`.
+    """
     episodes = EpisodeStore(results)
-    for row in ResultsStore(results).rows(task, version):
+    for row in (ResultsStore(results) if store is None else store).rows(task, version):
         if row.failure is not None:
             yield Rescored(row)
             continue
@@ -59,7 +63,10 @@ def rescore(results: Path, task: str, version: int) -> Iterator[Rescored]:
 
 @dataclass(frozen=True)
 class RescoredTask:
-    """What scoring a task's rows again changed. metrics: by estimator and metric, how many rows changed."""
+    """What scoring a task's rows again changed, those of references with them.
+
+    metrics: by estimator or reference and metric, how many rows changed.
+    """
 
     task: str
     rows: int
@@ -71,10 +78,11 @@ class RescoredTask:
 def rescore_task(results: Path, task: Task, write: bool) -> RescoredTask:
     """Score a task's rows again, store (write) those whose scores changed, and return what changed.
 
-    A stored row keeps its origin, and `rescored` in it says when.
+    So are the oracle's and those of standing still, between which boards say what an estimator attains. A stored row keeps its origin, and `rescored` in it says when.
     """
-    store, changed, metrics, problems, rows = ResultsStore(results), 0, Counter(), {}, 0
-    for rescored in list(rescore(results, task.name, task.version)):
+    changed, metrics, problems, rows = 0, Counter(), {}, 0
+    stores = (ResultsStore(results), reference_store(results))
+    for store, rescored in [(of, one) for of in stores for one in rescore(results, task.name, task.version, of)]:
         rows += 1
         if rescored.problem is not None:
             problems[rescored.problem] = None

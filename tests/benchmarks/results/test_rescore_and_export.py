@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.export.cases import export_cases, export_form
 from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.references import CEILING, FLOOR, reference_store, save_references
 from benchmarks.results.rescore import rescore, rescore_task
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
@@ -58,6 +59,30 @@ def test_scores_that_differ_are_stored_again_unless_it_is_a_dry_run(stored):
     assert rescored[1].origin.rescored is not None
     assert rescored[1].origin.rescored >= rescored[1].origin.created
     assert rescored[0].origin == before[0].origin
+
+
+def test_oracle_and_standing_still_are_scored_again_too(stored):
+    """What an estimator attains is its part of the way between them, and would be of other scores."""
+    results, task = stored
+    store = reference_store(results)
+    told = dataclasses.replace(task.record(0), runs=tuple(with_oracle(run_) for run_ in task.record(0).runs))
+    save_references(store, task, 0, told)
+    before = {row.estimator: row for row in store.rows(task.name, task.version)}
+    assert set(before) == {CEILING, FLOOR}
+    for row in before.values():
+        scores = {name: value for name, value in row.scores.items() if name != "end_point_position"}
+        store.save(dataclasses.replace(row, scores=scores | {"ate": 9.0}))
+    report = rescore_task(results, task, write=True)
+    assert (report.rows, report.changed, report.problems) == (4, 2, ())
+    assert {name for name, _ in report.metrics} == {CEILING, FLOOR}
+    after = {row.estimator: row for row in store.rows(task.name, task.version)}
+    assert {name: row.scores for name, row in after.items()} == {name: row.scores for name, row in before.items()}
+    assert {row.estimator for row in ResultsStore(results).rows(task.name, task.version)} == {"dead-reckoning-1"}
+
+
+def with_oracle(run_):
+    """Return a run with an oracle that is 1 mm off."""
+    return dataclasses.replace(run_, oracle=run_.truth + [1e-3, 0, 0])
 
 
 def test_rows_of_another_recording_are_kept_as_they_are(stored):
