@@ -106,7 +106,8 @@ def run(
         print_overviews(board, console())
         print(DETAILS)
     if any(task.entries for task in board.boards):
-        again = shlex.join(["castor-bench", "leaderboard", *shown, "--results", str(results)])
+        first = [] if cases is None else ["--cases", str(cases)]
+        again = shlex.join(["castor-bench", "leaderboard", *shown, *first, "--results", str(results)])
         print(f"\nresults in {results}; show them again: {again}")
     unrecorded = [f"cases of {given_as(task)} were not recorded" for task in choice.tasks if task.name in missing]
     failures = [*unrecorded, *failed_rows(choice.plan, board), *declining_everything(choice, board)]

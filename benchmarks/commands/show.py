@@ -87,7 +87,7 @@ def show(
             raise InputError("--floor: a task has a floor of its own; leave it out")
         known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))
         (chosen,) = select_tasks(*with_plugged(known, [task], LOADING))
-        shown = show_case(chosen, case_of(chosen, case), by)
+        shown = show_case(chosen, case_of(chosen, case), by, robot)
     else:
         assert log is not None
         if robot is None:

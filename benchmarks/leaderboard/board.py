@@ -10,7 +10,7 @@ import numpy as np
 
 from benchmarks.leaderboard.ranking import Interval, intervals, ranks
 from benchmarks.results.archives import CorruptFileError
-from benchmarks.results.asked import Asked, asked, latest_source
+from benchmarks.results.asked import Asked, asked, latest_source, spec_of
 from benchmarks.results.episodes import EpisodeStore
 from benchmarks.results.references import CEILING, FLOOR, reference_store
 from benchmarks.results.rows import DECLINED, ResultsStore, RowSummary, UpdateCost
@@ -78,6 +78,7 @@ class TaskBoard:
     """The board of a task. of_train: it judges estimators of trains.
 
     ceiling and floor: the oracle, where the task has one, and standing still; they are no estimators and have no rank.
+    spec: what names a task of others in commands, None where its name does or that is not known.
     missing: why there are no results, or not of all cases. declined: estimators that declined every case, with the
     reason. superseded: estimators with the hash and number of rows of their older sources. odometry: on a board of
     calibration methods (then the `estimator`s of its entries) the estimator that follows the calibrated robots; else
@@ -99,6 +100,12 @@ class TaskBoard:
     odometry: str | None = None
     ceiling: Entry | None = None
     floor: Entry | None = None
+    spec: str | None = None
+
+    @property
+    def given(self) -> str:
+        """What names the task in commands, as far as that is known."""
+        return self.spec or self.task
 
     @property
     def rows(self) -> tuple[Entry, ...]:
@@ -258,6 +265,7 @@ def _board(
         odometry=odometry_of(task),
         ceiling=beside.get(CEILING),
         floor=beside.get(FLOOR),
+        spec=spec_of(task),
     )
 
 

@@ -73,11 +73,13 @@ class OverviewEntry:
 class Overview:
     """One table. groups: the names of their tasks that have results. robot: label and hash of a user's robot, or None.
 
+    of_others: whether the tasks are those of users' files.
     entries: those that are ranked in the most tasks first, among them by mean rank, and of these by ratio.
     """
 
     kind: Kind
     robot: str | None
+    of_others: bool
     groups: dict[str, tuple[str, ...]]
     entries: tuple[OverviewEntry, ...]
 
@@ -88,13 +90,17 @@ class Overview:
 
 
 def overviews(boards: Sequence[TaskBoard]) -> tuple[Overview, ...]:
-    """Return the overviews of the boards that have entries; official ones first, those of users' robots apart."""
-    tables: dict[tuple[str, Kind], list[TaskBoard]] = {}
+    """Return the overviews of the boards that have entries.
+
+    Official ones stand first, those of users' tasks and of users' robots apart.
+    """
+    tables: dict[tuple[bool, str, Kind], list[TaskBoard]] = {}
     for board in boards:
         if board.entries:
-            tables.setdefault((TaskName.of(board.task).robot or "", _kind(board)), []).append(board)
-    order = sorted(tables, key=lambda key: (key[0], list(Kind).index(key[1])))
-    return tuple(_overview(kind, robot or None, tables[robot, kind]) for robot, kind in order)
+            _, robot, source = TaskName.of(board.task)
+            tables.setdefault((source is not None, robot or "", _kind(board)), []).append(board)
+    order = sorted(tables, key=lambda key: (*key[:2], list(Kind).index(key[2])))
+    return tuple(_overview(kind, robot or None, others, tables[others, robot, kind]) for others, robot, kind in order)
 
 
 def _kind(board: TaskBoard) -> Kind:
@@ -103,7 +109,7 @@ def _kind(board: TaskBoard) -> Kind:
     return Kind.TRAINS if board.of_train else Kind.ROBOTS
 
 
-def _overview(kind: Kind, robot: str | None, boards: list[TaskBoard]) -> Overview:
+def _overview(kind: Kind, robot: str | None, of_others: bool, boards: list[TaskBoard]) -> Overview:
     grouped: dict[str, list[TaskBoard]] = {}
     for board in boards:
         grouped.setdefault(board.group, []).append(board)
@@ -123,7 +129,7 @@ def _overview(kind: Kind, robot: str | None, boards: list[TaskBoard]) -> Overvie
     ]
     entries.sort(key=lambda entry: (-entry.ranked, entry.mean_rank, entry.ratio, entry.estimator))
     groups = {group: tuple(board.task for board in members) for group, members in grouped.items()}
-    return Overview(kind, robot, groups, tuple(entries))
+    return Overview(kind, robot, of_others, groups, tuple(entries))
 
 
 class _Standing(NamedTuple):

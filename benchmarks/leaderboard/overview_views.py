@@ -93,7 +93,8 @@ def print_overviews(leaderboard: Leaderboard, console: Console) -> None:
 
 def overview_title(table: Overview) -> str:
     """Return the heading of an overview."""
-    return TITLES[table.kind] + ("" if table.robot is None else f" on {table.robot} (not official)")
+    on = "tasks of others" if table.of_others else table.robot
+    return TITLES[table.kind] + ("" if on is None else f" on {on} (not official)")
 
 
 def overview_columns(table: Overview) -> list[Column]:

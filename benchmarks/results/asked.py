@@ -11,6 +11,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from benchmarks.results.rows import RowSummary
+from benchmarks.tasks.task import Task
 from castor_envs.errors import InputError
 from castor_envs.files import read_json, write_json
 
@@ -57,6 +58,17 @@ def latest_source(rows: Iterable[RowSummary], last: Asked | None) -> str:
     if last is not None and last.source_hash in created:
         return last.source_hash
     return max(created, key=created.__getitem__)
+
+
+def spec_of(task: Task) -> str | None:
+    """Return the spec that named a task of others, as `shown_spec`; None of an official one."""
+    spec = getattr(task, "spec", None)
+    return None if spec is None else shown_spec(spec)
+
+
+def asked_as(task: Task) -> str:
+    """Return what names a task in the commands of a page: its spec, or its name where it has none that may be shown."""
+    return spec_of(task) or task.name
 
 
 def shown_spec(spec: str) -> str | None:

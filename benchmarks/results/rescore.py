@@ -63,7 +63,7 @@ def rescore(results: Path, task: str, version: int, store: ResultsStore | None =
 
 @dataclass(frozen=True)
 class RescoredTask:
-    """What scoring a task's rows again changed, those of references with them.
+    """What scoring a task's rows again changed. rows, changed: of estimators, how many there are and changed.
 
     metrics: by estimator or reference and metric, how many rows changed.
     """
@@ -78,16 +78,19 @@ class RescoredTask:
 def rescore_task(results: Path, task: Task, write: bool) -> RescoredTask:
     """Score a task's rows again, store (write) those whose scores changed, and return what changed.
 
-    So are the oracle's and those of standing still, between which boards say what an estimator attains. A stored row keeps its origin, and `rescored` in it says when.
+    So are the oracle's and those of standing still, between which boards say what an estimator attains. A stored row
+    keeps its origin, and `rescored` in it says when.
     """
     changed, metrics, problems, rows = 0, Counter(), {}, 0
-    stores = (ResultsStore(results), reference_store(results))
-    for store, rescored in [(of, one) for of in stores for one in rescore(results, task.name, task.version, of)]:
-        rows += 1
+    judged, beside = ResultsStore(results), reference_store(results)
+    for store, rescored in [
+        (of, one) for of in (judged, beside) for one in rescore(results, task.name, task.version, of)
+    ]:
+        rows += store is judged
         if rescored.problem is not None:
             problems[rescored.problem] = None
         if rescored.changed:
-            changed += 1
+            changed += store is judged
             metrics.update((rescored.row.estimator, name) for name in rescored.changed)
             if write:
                 origin = dataclasses.replace(rescored.row.origin, rescored=provenance().created)

@@ -10,7 +10,7 @@ from benchmarks.leaderboard import board as boards
 from benchmarks.run.check import Load, load_apart, refusals_apart
 from benchmarks.run.evaluate import Competitor
 from benchmarks.run.plan import Assignment
-from benchmarks.run.task_plugins import is_plugged, with_plugged
+from benchmarks.run.task_plugins import given_as, is_plugged, with_plugged
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from benchmarks.tasks.task import Task, odometry_of
@@ -216,7 +216,7 @@ def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[s
             ]
             if lost:
                 cases = f"{len(lost)} of {len(assignment.cases)} cases"
-                failures.append(f"{competitor.name} failed {cases} of {assignment.task.name}")
+                failures.append(f"{competitor.name} failed {cases} of {given_as(assignment.task)}")
     return failures
 
 

@@ -1,6 +1,5 @@
 """``castor-bench show``: one case of a task, or one log, followed by estimators now."""
 
-import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,11 +10,13 @@ from benchmarks.results.provenance import provenance
 from benchmarks.results.rows import DECLINED
 from benchmarks.run.choose import entries_named
 from benchmarks.run.evaluate import Competitor
+from benchmarks.run.task_plugins import given_as
 from benchmarks.run.worker_calibrate import Calibrated
 from benchmarks.run.worker_estimate import Estimate, Failure
 from benchmarks.scoring.registry import score
 from benchmarks.show.drives import Drive, Shown, drive_of, drives_of
 from benchmarks.show.follow import failures, follow, poses
+from benchmarks.show.repeat import show_command, show_log_command
 from benchmarks.tasks.task import Case, Episode, Run, Task, odometry_of
 from castor_envs.errors import InputError
 from castor_envs.floor import load_floor
@@ -78,23 +79,23 @@ def case_of(task: Task, text: str | None) -> Case:
     return text
 
 
-def show_case(task: Task, case: Case, by: Following) -> Shown:
+def show_case(task: Task, case: Case, by: Following, robot: str | None = None) -> Shown:
     """Record one case of a task, let estimators or methods follow it, and return what is shown of it.
 
-    The scores are those that a run of the benchmark gives.
+    robot: what named the robot of a task on another one, for the line that repeats the page. The scores are those that
+    a run of the benchmark gives.
     """
     episode = task.record(case)
     who = by.competitors(episode.robot, of_methods=odometry_of(task) is not None)
     followed, failed, scores = _followed(episode, who, by)
-    option = "--method" if odometry_of(task) is not None else "--estimator"
-    named = [word for entry in who for word in (option, entry.spec)]
+    specs = {entry.name: entry.spec for entry in who}
     return Shown(
         title=f"{task.title}, case {case}",
         subtitle=task.description,
         drives=followed,
         failed=failed,
         scores=scores,
-        commands=[shlex.join(["castor-bench", "show", "--task", task.name, "--case", str(case), *named])],
+        commands=[show_command(given_as(task), case, specs, odometry_of(task) is not None, robot)],
         origin={"task": f"{task.name}, version {task.version}", "episode": episode.digest} | _now(),
     )
 
@@ -112,15 +113,13 @@ def show_log(path: Path, robot: str, floor: str | None, by: Following) -> Shown:
         run = Run(drive.log, floor=ground)
         drive = replace(drive, samples=np.union1d(drive.samples, run.samples))
         followed, failed, scores = _followed(Episode(vehicle, (run,)), who, by, [drive])
-    named = [word for entry in who for word in ("--estimator", entry.spec)]
-    on = [] if floor is None else ["--floor", floor]
     return Shown(
         title=path.name,
         subtitle=f"A log of {vehicle.name}",
         drives=followed,
         failed=failed,
         scores=scores,
-        commands=[shlex.join(["castor-bench", "show", str(path), "--robot", robot, *on, *named])],
+        commands=[show_log_command(str(path), robot, floor, {entry.name: entry.spec for entry in who})],
         origin={"robot": vehicle.hash()} | _now(),
     )
 

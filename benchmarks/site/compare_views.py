@@ -9,10 +9,11 @@ from rich.table import Table as Grid
 
 from benchmarks.leaderboard.notes import say
 from benchmarks.leaderboard.ranking import FEWEST_CASES, LEVEL
+from benchmarks.results.asked import asked_as
 from benchmarks.show.drives import Shown
 from benchmarks.show.page import page_of
+from benchmarks.show.repeat import place_note, run_command, show_command
 from benchmarks.site.cases import StoredCases
-from benchmarks.site.commands import place_note, run_command, show_command
 from benchmarks.site.compare import TaskDifference, Verdict
 from benchmarks.site.pages import made
 from benchmarks.tasks.task import Case, odometry_of
@@ -91,7 +92,7 @@ def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path) 
                 links.append((case, signed(of, of.by_case[case]), f"cases/{name}" if page is not None else None))
             linked.append({"of": of, "difference": difference(of), "cases": links, "css": _class(of.verdict)})
         competitors = [
-            (of.task.name, label, odometry_of(of.task) is not None, spec)
+            (asked_as(of.task), label, odometry_of(of.task) is not None, spec)
             for of in found
             for label, spec in zip(of.labels, of.specs, strict=True)
             if "@" not in label
@@ -125,7 +126,7 @@ def _case_page(of: TaskDifference, case: Case, stored: StoredCases) -> str | Non
             subtitle=f"{of.labels[0]} against {of.labels[1]}: {signed(of, of.by_case[case])} in {of.metric.title}",
             drives=drives,
             scores={label: row.scores for label, row in rows.items()},
-            commands=[show_command(of.task.name, case, specs, of_methods)],
+            commands=[show_command(asked_as(of.task), case, specs, of_methods)],
             origin={f"{label}, source": row.source_hash for label, row in rows.items()}
             | {"episode": next(iter(rows.values())).episode},
         ),

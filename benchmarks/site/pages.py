@@ -10,8 +10,8 @@ from benchmarks.leaderboard.overview import overviews
 from benchmarks.leaderboard.overview_views import MEANING, not_run, overview_notes, overview_title
 from benchmarks.leaderboard.ranking import LEVEL
 from benchmarks.results.provenance import provenance
+from benchmarks.show.repeat import run_command
 from benchmarks.site.cases import StoredCases
-from benchmarks.site.commands import run_command
 from benchmarks.site.row import row_page
 from benchmarks.site.tables import Cell, Heading, Table, board_table, overview_table
 from castor_envs.files import new_folder, write_atomically
@@ -46,7 +46,7 @@ def write_site(leaderboard: Leaderboard, results: Path, out: Path) -> int:
                 )
                 pages += 1
             part = _part(board, lambda entry, name=name: f"{name}/{row_name(entry)}.html")
-            command = run_command(board.task, of_methods=board.odometry is not None)
+            command = run_command(board.given, of_methods=board.odometry is not None)
             text = render(FOLDER, "task.html", "../assets", part=part, command=command, made=made())
             write_atomically(partial / "tasks" / f"{name}.html", text)
             pages += 1

@@ -13,8 +13,8 @@ from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.show.drives import Drive
 from benchmarks.show.figures import path_map
+from benchmarks.show.repeat import place_note, run_command, show_command
 from benchmarks.site.cases import StoredCases, end_errors, typical_cases
-from benchmarks.site.commands import place_note, run_command, show_command
 from benchmarks.site.tables import Cell, Heading, Table
 from benchmarks.tasks.task import Case
 from castor_envs.rendering.pages.curves import ZOOM, Chart, Curve
@@ -33,9 +33,9 @@ def row_page(board: TaskBoard, entry: Entry, stored: StoredCases, up: str, made:
     seen = {word: stored.drives(case, {entry.estimator: rows[case]}) for word, case in typical.items()}
     of_methods = board.odometry is not None
     shown = typical.get("median", next(iter(rows), None))
-    commands = [run_command(board.task, entry.estimator, of_methods, entry.spec)]
+    commands = [run_command(board.given, entry.estimator, of_methods, entry.spec)]
     if shown is not None:
-        commands.append(show_command(board.task, shown, {entry.estimator: entry.spec}, of_methods))
+        commands.append(show_command(board.given, shown, {entry.estimator: entry.spec}, of_methods))
     scatter, scatter_caption = _scatter(entry, rows, stored)
     return render(
         Path(__file__).parent,
@@ -83,7 +83,7 @@ def _said(metric: Metric, entry: Entry) -> str:
 
 
 def _case(word: str, case: Case, drive: Drive, entry: Entry, board: TaskBoard) -> dict[str, Any]:
-    command = show_command(board.task, case, {entry.estimator: entry.spec}, board.odometry is not None)
+    command = show_command(board.given, case, {entry.estimator: entry.spec}, board.odometry is not None)
     return {
         "title": f"{word.capitalize()} case: {case}",
         "map": path_map(drive, [entry.estimator]),

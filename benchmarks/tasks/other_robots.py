@@ -58,16 +58,22 @@ def single_robot(vehicle: Vehicle, source: str) -> RobotDescription:
 
 
 class TaskName(NamedTuple):
-    """A task's name in its parts. robot: label and hash of a user's robot, or None on the official robot."""
+    """A task's name in its parts.
+
+    robot: label and hash of a user's robot, None on the task's own robot. source: hash of the file of a task of others,
+    None of official tasks.
+    """
 
     official: str
     robot: str | None
+    source: str | None
 
     @classmethod
     def of(cls, name: str) -> "TaskName":
         """Return the parts of a name."""
-        official, _, robot = name.partition("[")
-        return cls(official, robot.removesuffix("]") or None)
+        official, _, beside = name.partition("[")
+        beside = beside.removesuffix("]")
+        return cls(official, beside, None) if "@" in beside else cls(official, None, beside or None)
 
 
 @cache

@@ -55,6 +55,38 @@ def test_the_example_is_run_and_has_a_board_of_its_own(call):
     assert entry["scores"]["ate_m"]["mean"] == pytest.approx(bend * 16 / 2 / 5**0.5, rel=0.1)
 
 
+def test_pages_and_overviews_name_it_as_commands_take_it(call):
+    """It stands in an overview of its own; no hash passes for a robot, and the page's command is taken."""
+    run = ("run", "--task", "my_task.py:Corridor", "--estimator", "dead-reckoning", "--cases", 2, "--jobs", 1)
+    assert call(*run)[0] == 0
+    shown = json.loads(call("leaderboard", "--task", "my_task.py", "--json")[1])
+    assert [(table["of"], table["robot"]) for table in shown["overview"]] == [("robots", None)]
+    page = call("leaderboard", "--task", "my_task.py", "--html")[1]
+    assert "Estimators of robots on tasks of others (not official)" in page
+    assert call("page", "--task", "my_task.py:Corridor", "--out", "site")[0] == 0
+    (task_page,) = Path("site/tasks").glob("*.html")
+    assert re.findall(r"castor-bench run --task ([^\s<]+)", task_page.read_text(encoding="utf-8")) == [
+        "my_task.py:Corridor"
+    ]
+
+
+def test_what_fails_in_a_run_of_it_is_named_by_its_file(call):
+    Path("fails.py").write_text(
+        "class Fails:\n    def reset(self, robot, pose):\n        raise OSError('no')\n\n    update = reset\n"
+    )
+    code, _, err = call("run", "--task", "my_task.py", "--estimator", "fails.py", "--cases", 2, "--jobs", 1)
+    assert code == 1
+    assert "fails:Fails failed 2 of 2 cases of my_task.py;" in err
+
+
+def test_what_is_shown_again_is_of_the_cases_that_were_run(call):
+    run = ("run", "--task", "my_task.py", "--estimator", "dead-reckoning", "--jobs", 1)
+    assert call(*run, "--cases", 3)[0] == 0
+    out = call(*run, "--cases", 2)[1]
+    advised = out.splitlines()[-1].partition("show them again: castor-bench ")[2]
+    assert "mean over 2 cases" in call(*shlex.split(advised))[1]
+
+
 def test_cases_that_cannot_be_recorded_are_told_and_the_others_are_scored(call):
     Path("my_task.py").write_text(CORRIDOR.replace("        t = 0.05 *", "        t = 0.05 / (case != 1) *"))
     code, out, err = call("run", "--task", "my_task.py", "--estimator", "dead-reckoning", "--cases", 3, "--jobs", 1)

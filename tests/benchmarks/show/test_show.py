@@ -1,8 +1,10 @@
 """`castor-bench show`: the scores are those of a run, the page stands alone, pictures are what was asked for."""
 
 import dataclasses
+import html
 import importlib
 import re
+import shlex
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +78,44 @@ def test_a_case_becomes_a_page_that_repeats_itself(castor_bench, plugin, tmp_pat
     assert ("run 1, cw" in page, "run 2, ccw" in page) == (True, True)
     assert not re.search(r"""(?:src|href)=["'](?!#)""", page)  # nothing is fetched, nothing beside it needed
     assert castor_bench("show", "--task", "arcs", "--estimator", spec)[0] == 0  # a page of this command is replaced
+
+
+def repeats(page):
+    """Return the arguments of the command that a page names."""
+    (block,) = re.findall(r"<pre>(castor-bench .*?)</pre>", page.read_text(encoding="utf-8"), flags=re.S)
+    script, *arguments = shlex.split(html.unescape(block))
+    assert script == "castor-bench"
+    return arguments
+
+
+@pytest.mark.parametrize("robot", ["differential", "own robot.json"])
+def test_a_page_of_a_users_robot_is_repeated_by_the_command_that_it_names(castor_bench, robot):
+    """On the robot as it was given: a preset's name, or a file."""
+    differential().save("own robot.json")
+    first = ("show", "--task", "umbmark-kinematic-calibrated", "--robot", robot, "--estimator", "wheel-odometry")
+    assert castor_bench(*first)[0] == 0
+    page = Path("castor-show.html")
+    arguments = repeats(page)
+    (digest,) = re.findall(r"<dt>episode</dt><dd>(\w+)", page.read_text(encoding="utf-8"))
+    page.unlink()
+    assert castor_bench(*arguments)[0] == 0
+    assert repeats(page) == arguments
+    assert f"<dd>{digest}</dd>" in page.read_text(encoding="utf-8")
+
+
+def test_a_page_of_a_users_task_is_repeated_by_the_command_that_it_names(castor_bench, fake_tasks):
+    Path("my_arcs.py").write_text(
+        f"import sys\nsys.path.append({str(Path(fake_tasks.__file__).parent)!r})\n"
+        "from fake_tasks import Arcs\n\n\n"
+        "class Mine(Arcs):\n    def __init__(self):\n        super().__init__('mine')\n"
+    )
+    assert castor_bench("show", "--task", "my_arcs.py:Mine", "--estimator", "wheel-odometry")[::2] == (0, "")
+    page = Path("castor-show.html")
+    arguments = repeats(page)
+    assert arguments[:3] == ["show", "--task", "my_arcs.py:Mine"]
+    page.unlink()
+    assert castor_bench(*arguments)[0] == 0
+    assert repeats(page) == arguments
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shlex
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from benchmarks.results.archives import CorruptFileError
 from benchmarks.results.robots import save_robot, tasks_on_stored_robots, with_stored_robots
 from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.run.choose import builtin_entries, choose
+from benchmarks.show.repeat import run_command, show_command
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from benchmarks.tasks.physics import innermost_wheel, ten_cables
@@ -120,6 +122,20 @@ def put_row(results, task, error):
             scores={"E_max_syst": error, "ate": error / 2},
         )
     )
+
+
+def test_pages_name_a_robot_so_that_commands_find_it(tmp_path, monkeypatch):
+    """A label that is a preset's, of the same robot, is that preset; else it is taken for a file's."""
+    monkeypatch.chdir(tmp_path)
+    dataclasses.replace(preset("tricycle"), mass=99.0).save("tricycle.json")
+    preset("swerve").save("mine.json")
+    name = "umbmark-physics-clean"
+    for robot in ("tricycle", "tricycle.json", "mine.json"):
+        board = task_on(robot, name).name
+        for line in (run_command(board, "wheel-odometry"), show_command(board, 0, {"wheel-odometry": None})):
+            words = shlex.split(line)
+            assert words[words.index("--task") + 1] == name
+            assert task_on(words[words.index("--robot") + 1], name).name == board
 
 
 def test_rows_on_another_robot_are_on_no_official_board(tmp_path, files):
