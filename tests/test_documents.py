@@ -10,6 +10,8 @@ import pytest
 
 from benchmarks.cli import app
 from benchmarks.leaderboard.ranking import interval, ranks
+from benchmarks.results.references import CEILING, reference_store
+from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks, select_tasks
@@ -55,6 +57,38 @@ def test_the_table_of_trials_is_that_of_the_stored_ones(script_called):
     for trial in figures["trials"]:
         for rate in trial["rates"]:
             assert (rate["low"], rate["high"]) == pytest.approx(wilson(rate["count"], rate["total"]))
+
+
+def test_a_table_of_drives_mixes_no_versions_of_an_estimator(script_called, tmp_path):
+    """The version that boards show counts; where it has not run all cases, others do not fill them."""
+    script = script_called("make_drive_tables")
+    task = script.DrivenRobot(script.KINDS[0], next(iter(script.ROBOTS)))
+    judged, beside = ResultsStore(tmp_path), reference_store(tmp_path)
+
+    def put(store, name, version, cases, error):
+        for case in cases:
+            row = Row(
+                task=task.name,
+                version=task.version,
+                estimator=name,
+                source_hash=16 * version,
+                case=case,
+                episode=16 * "0",
+                robot_hash=16 * "0",
+                scores={task.metric: error},
+                estimates=(np.zeros((2, 3)),),
+            )
+            store.save(row)
+
+    put(judged, "wheel-odometry", "a", range(8), 0.010)
+    put(beside, CEILING, "c", range(8), 0.001)
+    put(judged, "filter", "b", range(8), 0.004)
+    put(judged, "filter", "d", range(4), 0.002)
+    with pytest.raises(ValueError, match=f"{task.name} lacks cases"):
+        script.figures_of(tmp_path)
+    put(judged, "filter", "d", range(8), 0.002)
+    (figures,) = script.figures_of(tmp_path)["tasks"]
+    assert figures["scores"] == {"wheel-odometry": 8 * [0.01], "filter": 8 * [0.002], "oracle": 8 * [0.001]}
 
 
 def test_the_table_of_drives_is_that_of_the_stored_scores(script_called):

@@ -19,6 +19,7 @@ from benchmarks.results.rows import DECLINED, UpdateCost
 from benchmarks.tasks.task import Episode
 from castor_envs.errors import Declined, message_of, one_line
 from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.processes import MOST_MEMORY, end_if_forked
 from castor_envs.sensors.observation import OPTIONAL, Observations
@@ -51,12 +52,18 @@ class ObservedRun:
     samples: NDArray[np.intp]
     start_covariance: Array | None = None
 
+    @classmethod
+    def of(
+        cls, robot: Vehicle, log: Log, start: Array, start_covariance: Array | None, samples: NDArray[np.intp]
+    ) -> "ObservedRun":
+        """Return what estimators may see of a log, in a run of the benchmark and wherever else they are asked."""
+        return cls(robot, start.copy(), log.observations(), samples, start_covariance)
+
 
 def observed_runs(episode: Episode) -> list[ObservedRun]:
     """Return what estimators may see of an episode."""
     return [
-        ObservedRun(episode.robot, run.start.copy(), run.log.observations(), run.samples, run.belief_covariance)
-        for run in episode.runs
+        ObservedRun.of(episode.robot, run.log, run.start, run.belief_covariance, run.samples) for run in episode.runs
     ]
 
 

@@ -43,9 +43,7 @@ class Drive:
     @property
     def observed(self) -> ObservedRun:
         """What estimators get of it."""
-        return ObservedRun(
-            self.vehicle, self.start.copy(), self.log.observations(), self.samples, self.start_covariance
-        )
+        return ObservedRun.of(self.vehicle, self.log, self.start, self.start_covariance, self.samples)
 
     @cached_property
     def truth(self) -> Array:

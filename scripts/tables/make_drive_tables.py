@@ -1,22 +1,24 @@
 """Write docs/drives.json from a results folder, and the table of drives in docs/benchmark.md from that.
 
-    castor-bench run --group manoeuvres ... --cases 12 --results drives
+    castor-bench run --group manoeuvres ... --cases 8 --results drives
     python scripts/tables/make_drive_tables.py drives
 
-Drives take hours in full, so that a table may be of fewer cases than the official ones; it says how many.
+Drives take hours in full, so that a table may be of fewer cases than the official ones; it says how many. Of an
+estimator the version counts that boards show, the one that a run asked for last.
 """
 
 import json
 import sys
-from collections import defaultdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.leaderboard.board import Entry, TaskBoard, build
 from benchmarks.results.references import CEILING, reference_store
 from benchmarks.results.rows import ResultsStore
 from benchmarks.tasks.driving.task import KINDS, ROBOTS, DrivenRobot
+from benchmarks.tasks.task import Case
 from castor_envs.files import write_atomically
 
 FORMAT = "castor-drives/1"
@@ -31,22 +33,31 @@ Figures = dict[str, Any]
 
 def figures_of(results: Path) -> Figures:
     """Return scores by task, estimator and case, in SI; raises ValueError where estimators have different cases."""
-    stores, tasks = (ResultsStore(results), reference_store(results)), []
+    tasks = []
     for task in (DrivenRobot(kind, label) for kind in KINDS for label in ROBOTS):
-        scores: dict[str, dict[Any, dict[str, float]]] = defaultdict(dict)
-        rows = [row for store in stores for row in store.summaries(task.name, task.version)]
-        for row in sorted(rows, key=lambda row: row.created):  # the newest row of a case counts
-            if row.estimator in SHOWN and row.failure is None:
-                scores[row.estimator][row.case] = row.scores
+        (board,) = build([task], results).boards
+        scores = {entry.estimator: _scores(board, entry, results) for entry in board.rows if entry.estimator in SHOWN}
         if not scores:
             continue
         cases = sorted(set.union(*map(set, scores.values())))
         if set(scores) != set(SHOWN) or any(set(of) != set(cases) for of in scores.values()):
             raise ValueError(f"{results}: {task.name} lacks cases of {' or '.join(SHOWN)}; run castor-bench run")
-        by_case = {NAMES.get(name, name): [scores[name][case][task.metric] for case in cases] for name in SHOWN}
+        by_case = {NAMES.get(name, name): [scores[name][case] for case in cases] for name in SHOWN}
         rounded = {name: [float(f"{value:.6g}") for value in values] for name, values in by_case.items()}
         tasks.append({"task": task.name, "metric": task.metric, "scores": rounded})
     return {"format": FORMAT, "tasks": tasks}
+
+
+def _scores(board: TaskBoard, entry: Entry, results: Path) -> dict[Case, float]:
+    """Return the scores that an entry of a board has by case, in the metric that ranks."""
+    without = {*entry.lacking, *(case for failed in entry.failed for case in failed.cases)}
+    store = reference_store(results) if entry.estimator == CEILING else ResultsStore(results)
+    return {
+        row.case: row.scores[board.metric.name]
+        for row in store.summaries(board.task, board.version)
+        if (row.estimator, row.source_hash) == (entry.estimator, entry.source_hash)
+        and row.case in set(board.cases) - without
+    }
 
 
 def table(figures: Figures) -> str:
