@@ -78,11 +78,10 @@ class TaskBoard:
     """The board of a task. of_train: it judges estimators of trains.
 
     ceiling and floor: the oracle, where the task has one, and standing still; they are no estimators and have no rank.
-    spec: what names a task of others in commands, None where its name does or that is not known.
     missing: why there are no results, or not of all cases. declined: estimators that declined every case, with the
     reason. superseded: estimators with the hash and number of rows of their older sources. odometry: on a board of
     calibration methods (then the `estimator`s of its entries) the estimator that follows the calibrated robots; else
-    None.
+    None. spec: what names a task of others in commands, None where its name does or that is not known.
     """
 
     task: str
@@ -98,19 +97,19 @@ class TaskBoard:
     missing: str | None
     superseded: tuple[tuple[str, str, int], ...]
     odometry: str | None = None
+    spec: str | None = None
     ceiling: Entry | None = None
     floor: Entry | None = None
-    spec: str | None = None
-
-    @property
-    def given(self) -> str:
-        """What names the task in commands, as far as that is known."""
-        return self.spec or self.task
 
     @property
     def rows(self) -> tuple[Entry, ...]:
         """What a table of the board shows: the entries, and below them ceiling and floor."""
         return (*self.entries, *(entry for entry in (self.ceiling, self.floor) if entry is not None and self.entries))
+
+    @property
+    def given(self) -> str:
+        """What names the task in commands, as far as that is known."""
+        return self.spec or self.task
 
 
 @dataclass(frozen=True)
@@ -263,9 +262,9 @@ def _board(
         missing=missing or (task.missing if not entries else None),
         superseded=tuple(superseded),
         odometry=odometry_of(task),
+        spec=spec_of(task),
         ceiling=beside.get(CEILING),
         floor=beside.get(FLOOR),
-        spec=spec_of(task),
     )
 
 

@@ -32,7 +32,9 @@ class OtherRobot:
         """Return the robot of a preset's name or a robot file; raises InputError for trains and what cannot be read."""
         robot = load_vehicle(spec)
         stem = re.split(r"[/\\]", spec)[-1].removesuffix(".json")
-        return cls(re.sub(r"[^A-Za-z0-9_.-]", "_", stem) or "robot", single_robot(robot, f"--robot {spec}"))
+        # Names that begin with a dot are those of temporary files.
+        label = re.sub(r"[^A-Za-z0-9_.-]", "_", stem).lstrip(".") or "robot"
+        return cls(label, single_robot(robot, f"--robot {spec}"))
 
     @property
     def key(self) -> str:

@@ -48,6 +48,20 @@ def castor_bench(monkeypatch, capsys, tmp_path, fake_tasks):
     return call
 
 
+def test_where_no_task_has_results_each_reason_is_said_once(castor_bench, monkeypatch, fake_tasks):
+    lacking = tuple(
+        fake_tasks.Arcs(name=f"arcs-{k}", missing=f"{'no data' if k else 'no map'}; give DIR") for k in range(40)
+    )
+    monkeypatch.setattr(results, "official_tasks", lambda measured=None: lacking)
+    Path("castor-results", "rows").mkdir(parents=True)
+    code, out, err = castor_bench("leaderboard")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert (err.count("no data; give DIR"), err.count("no map; give DIR")) == (1, 1)
+    many = tuple(fake_tasks.Arcs(name=f"arcs-{k}", missing=f"no data in folder {k}") for k in range(400))
+    monkeypatch.setattr(results, "official_tasks", lambda measured=None: many)
+    assert len(castor_bench("leaderboard")[2]) < 800
+
+
 def test_a_run_ends_with_the_leaderboard(castor_bench, plugin):
     code, out, err = castor_bench("run", "--cases", 2, "--jobs", 1, "--estimator", plugin("followers:Follower"))
     assert code == 0, err

@@ -124,6 +124,17 @@ def put_row(results, task, error):
     )
 
 
+@pytest.mark.parametrize(("name", "label"), [(".hid.json", "hid"), ("...json", "robot"), ("a.b.json", "a.b")])
+def test_a_file_whose_name_begins_with_a_dot_has_boards_that_are_found_again(tmp_path, name, label):
+    preset("differential").save(tmp_path / name)
+    users_robot = OtherRobot.load(str(tmp_path / name))
+    assert users_robot.label == label
+    save_robot(tmp_path / "results", users_robot)
+    task = task_on(str(tmp_path / name), "umbmark-physics-clean")
+    put_row(tmp_path / "results", task, 0.1)
+    assert [found.name for found in with_stored_robots((), tmp_path / "results")] == [task.name]
+
+
 def test_pages_name_a_robot_so_that_commands_find_it(tmp_path, monkeypatch):
     """A label that is a preset's, of the same robot, is that preset; else it is taken for a file's."""
     monkeypatch.chdir(tmp_path)
