@@ -287,8 +287,9 @@ def _follow(
             warnings.simplefilter("ignore", SmallTurnWarning)
             estimator = entry.factory()
             if entry.smoother:
+                given = observations.copied()
                 stage, began = "in estimate", time.process_time_ns()
-                answer = estimator.estimate(robot, start.pose.copy(), observations, **start.told_to(estimator.estimate))
+                answer = estimator.estimate(robot, start.pose.copy(), given, **start.told_to(estimator.estimate))
                 end_if_forked()
                 if spent is not None:
                     spent += [(time.process_time_ns() - began) // len(observations)] * len(observations)

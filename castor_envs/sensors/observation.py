@@ -114,6 +114,10 @@ class Observations:
         wheel, time = (np.stack([getattr(member, name) for member in members]) for name in ("wheel", "time"))
         return cls(wheel, time, **{name: stacked(name) for name in OPTIONAL})
 
+    def copied(self) -> "Observations":
+        """Return the same with arrays of their own, for whoever may write into them."""
+        return Observations(**{name: None if of is None else of.copy() for name, of in vars(self).items()})
+
     def __len__(self) -> int:
         return self.time.shape[-1]
 

@@ -60,6 +60,13 @@ class Guesses(Single):
         return super().update(observation) + np.random.default_rng().normal(0, 0.01, 3)
 
 
+class Rounds(Single):
+    """Rounds otherwise each time, as sums in another order do."""
+
+    def update(self, observation):
+        return super().update(observation) + np.random.default_rng().normal(0, 1e-12, 3)
+
+
 class Pauses(Single):
     """Computes for a millisecond in every tenth update."""
 

@@ -445,7 +445,10 @@ def test_a_copied_row_does_not_count_twice(tmp_path, fake_tasks, jobs_here):
     assert len(list(ResultsStore(tmp_path).rows(task.name, task.version))) == 2
 
 
-@pytest.mark.parametrize(("name", "repeats"), [("Single", True), ("Remembers", False), ("Guesses", False)])
+REPEATING = {"Single": True, "Remembers": False, "Guesses": False, "Rounds": True}
+
+
+@pytest.mark.parametrize(("name", "repeats"), REPEATING.items())
 def test_poses_that_two_passes_over_a_log_do_not_share_are_told_with_the_scores(
     tmp_path, fake_tasks, plugin, jobs_here, name, repeats
 ):

@@ -44,6 +44,16 @@ def test_other_answers_fail_the_case(fake_tasks, plugin, name, reason):
     assert followed(plugin, name, fake_tasks.Arcs().record(0)) == Failure(reason)
 
 
+def test_who_writes_into_a_log_keeps_no_state_by_that(fake_tasks, plugin):
+    """Each pass over a run gets the log as it was."""
+    entry, runs = load_estimator(plugin("smoothers:Spoils")), observed_runs(fake_tasks.Arcs().record(0))
+    wheel = runs[0].observations.wheel.copy()
+    cost = time_updates(entry.spec, entry.source_hash, runs)
+    assert isinstance(cost, UpdateCost)
+    assert cost.repeats
+    np.testing.assert_array_equal(runs[0].observations.wheel, wheel)
+
+
 def test_boards_mark_it_and_what_has_update_is_judged_by_that(tmp_path, fake_tasks, plugin, jobs_here):
     task = dataclasses.replace(fake_tasks.Arcs(), metric="ate")
     entries = tuple(load_estimator(plugin(f"smoothers:{name}")) for name in ("Whole", "Both"))
