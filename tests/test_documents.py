@@ -15,7 +15,9 @@ from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs
 from benchmarks.scoring.registry import BOARD_METRICS, score
 from benchmarks.tasks import official_tasks, select_tasks
+from benchmarks.tasks.task import EVALUATION_PERIOD, MOST_SAMPLES, Run
 from castor_envs.cli.commands import imported
+from castor_envs.logs.log import Log
 from discrepancy.trials.results.scores import wilson
 from estimators.plugins.registry import load_estimator
 
@@ -48,6 +50,19 @@ def test_tables_are_those_of_the_stored_results(script_called):
     assert [script.with_tables(page, FIGURES) for page in pages] == pages, "run python scripts/tables/make_results.py"
     for name in script.TABLES:
         assert sum(page.count(script.START.format(name)) for page in pages) == 1, name
+
+
+def test_how_often_paths_are_compared_is_what_runs_do():
+    """And where a run is too long for that: every 3 s of 50 minutes."""
+    (said,) = re.findall(
+        r"Paths are compared every (\S+) s and at the end; those longer than (\d+) s .* every (\d+) s",
+        (DOCS / "benchmark.md").read_text(encoding="utf-8"),
+    )
+    t = np.arange(0, 3001, 1.0)
+    run = Run(Log(t, np.zeros((len(t), 2)), np.empty((len(t), 0)), reference=np.zeros((len(t), 3))))
+    periods = (EVALUATION_PERIOD, EVALUATION_PERIOD * MOST_SAMPLES, np.median(np.diff(t[run.samples])))
+    assert tuple(map(float, said)) == periods
+    assert len(run.samples) == 1001
 
 
 def test_the_table_of_trials_is_that_of_the_stored_ones(script_called):
