@@ -27,7 +27,7 @@ from benchmarks.run.choose import tasks_with
 from benchmarks.run.task_plugins import with_plugged
 from benchmarks.show.command import Following, case_of, show_case, show_log, told_failing
 from benchmarks.show.page import page_of, write_page
-from benchmarks.show.picture import write_gif, write_png
+from benchmarks.show.picture import check_picture, write_gif, write_png
 from benchmarks.site.compare import compare as compared
 from benchmarks.site.compare import rows_by_task, side_of
 from benchmarks.site.compare_views import as_json, print_comparison, write_comparison
@@ -62,7 +62,10 @@ def show(
         "castor-show.html"
     ),
     png: Annotated[
-        Path | None, typer.Option(help="A picture of the end of the drive, with the first estimate.")
+        Path | None,
+        typer.Option(
+            help="A picture of the end of the drive, with the first estimate; replaces those of this command."
+        ),
     ] = None,
     gif: Annotated[Path | None, typer.Option(help="The whole drive as a picture that moves, in eight seconds.")] = None,
     number: Annotated[int, typer.Option("--run", help="Of a case with several runs: which one the pictures show.")] = 1,
@@ -82,6 +85,9 @@ def show(
     by = Following(estimator or (), method or (), timeout, os.cpu_count() or 1)
     if (log is None) == (task is None):
         raise InputError("give a log and --robot, or --task and --case: castor-bench show --help")
+    for option, path in (("--png", png), ("--gif", gif)):
+        if path is not None:
+            check_picture(option, path)
     if task is not None:
         if floor is not None:
             raise InputError("--floor: a task has a floor of its own; leave it out")

@@ -3,6 +3,7 @@
 Where nobody knows the true path, the vehicle is drawn where the estimate has it.
 """
 
+import contextlib
 import io
 from dataclasses import replace
 from pathlib import Path
@@ -24,8 +25,11 @@ from castor_envs.vehicles.train import TrainDescription
 
 SIZE = 640
 """Pixels each way."""
-FRAMES, FPS = 120, 15
-"""Of a picture that moves: it takes eight seconds, however long the drive was."""
+FRAMES, PERIOD = 100, 80
+"""How many pictures there are at most in one that moves, and ms of each, in which GIF has whole hundredths of a second.
+It takes eight seconds, however long the drive was, and less where fewer poses are known."""
+MARK = b"castor-envs show"
+"""Stands near the beginning of every picture of this command."""
 MARGIN = 0.25
 """m, seen around all paths."""
 
@@ -43,6 +47,16 @@ def write_gif(path: Path, drive: Drive, name: str | None) -> None:
     _save(path, "GIF", _pictures(drive, name, FRAMES))
 
 
+def check_picture(option: str, path: Path) -> None:
+    """Raise InputError where a file is there already that is no picture of this command."""
+    if path.exists():
+        ours = False
+        with contextlib.suppress(OSError):
+            ours = MARK in path.read_bytes()[:2000]
+        if not ours:
+            raise InputError(f"{option} {path}: is there already, and no picture of this command; name another file")
+
+
 def _pictures(drive: Drive, name: str | None, frames: int) -> list[NDArray[np.uint8]]:
     """Return at most so many pictures of a drive, the end with them; each holds the paths until then."""
     known = bool(drive.known.any())
@@ -55,7 +69,13 @@ def _pictures(drive: Drive, name: str | None, frames: int) -> list[NDArray[np.ui
     shown = set(rows[np.unique(np.linspace(len(rows) - 1, 0, frames).astype(np.intp))].tolist())
     estimate = None if name is None else drive.estimates[name]
     renderer = Renderer(
-        drive.vehicle, drive.floor or Floor(), "rgb_array", FPS, (SIZE, SIZE), _arena(drive, rows, estimate), known
+        drive.vehicle,
+        drive.floor or Floor(),
+        "rgb_array",
+        1000 // PERIOD,
+        (SIZE, SIZE),
+        _arena(drive, rows, estimate),
+        known,
     )
     pictures = []
     for k in rows.tolist():
@@ -105,15 +125,20 @@ def _shape(drive: Drive, k: int) -> list[float] | list[Array] | Array:
 
 
 def _save(path: Path, form: str, pictures: list[NDArray[np.uint8]]) -> None:
-    """Write pictures as one file, whole or not at all."""
-    from PIL import Image  # comes with matplotlib
+    """Write pictures as one file, whole or not at all; raises InputError where `check_picture` does."""
+    from PIL import Image, PngImagePlugin  # comes with matplotlib
 
+    check_picture(f"--{form.lower()}", path)
     first, *others = (Image.fromarray(picture) for picture in pictures)
     out = io.BytesIO()
     if form == "GIF":
         flat = [image.quantize(64) for image in (first, *others)]
-        flat[0].save(out, form, save_all=True, append_images=flat[1:], duration=1000 // FPS, loop=0, optimize=True)
+        flat[0].save(
+            out, form, save_all=True, append_images=flat[1:], duration=PERIOD, loop=0, optimize=True, comment=MARK
+        )
     else:
-        first.save(out, form)
+        text = PngImagePlugin.PngInfo()
+        text.add_text("Software", MARK.decode())
+        first.save(out, form, pnginfo=text)
     with writing(f"--{form.lower()} {path}"):
         write_atomically(path, out.getvalue())

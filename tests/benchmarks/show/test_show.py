@@ -9,14 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from PIL import Image
+from PIL import Image, ImageSequence
 
 from benchmarks import cli
 from benchmarks.commands import results, show
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run import choose
 from benchmarks.run.plan import Assignment, run
+from benchmarks.show import picture
 from benchmarks.show.command import Following, show_case
+from benchmarks.show.drives import drives_of
 from benchmarks.show.page import page_of
 from benchmarks.tasks import official_tasks, select_tasks
 from castor_envs.cli import command_line
@@ -181,6 +183,15 @@ def test_a_log_is_shown_on_its_floor_and_with_pictures(castor_bench, fake_tasks,
         assert np.abs(last - np.asarray(end, dtype=int)).mean() < 3  # and ends as the picture of the end
 
 
+def test_a_picture_that_moves_takes_eight_seconds(fake_tasks, tmp_path, monkeypatch):
+    monkeypatch.setattr(picture, "SIZE", 160)
+    drive = drives_of(fake_tasks.Arcs(samples=201).record(0))[0]
+    picture.write_gif(tmp_path / "drive.gif", drive, None)
+    with Image.open(tmp_path / "drive.gif") as moving:
+        shown = [frame.info["duration"] for frame in ImageSequence.Iterator(moving)]
+    assert sum(shown) == pytest.approx(8000)
+
+
 def test_a_floor_may_be_named_as_in_other_commands(castor_bench, fake_tasks, tmp_path):
     write_log(tmp_path / "here" / "drive.csv", fake_tasks.Arcs(samples=21).record(0).runs[0].log, differential())
     arguments = ("drive.csv", "--robot", "differential", "--floor", "slippery", "--estimator", "wheel-odometry")
@@ -208,8 +219,9 @@ def test_a_log_without_reference_has_no_scores_and_is_drawn_where_the_estimate_h
     assert "nobody knows how far estimates are off" in page
     assert "position error" not in page.partition("</style>")[2].partition("<script>")[0]
     (tmp_path / "here" / "castor-show.html").unlink()
-    code, out, err = castor_bench(*arguments, "--gif", "blind.gif", "--png", "blind.png")
-    assert (code, out, err) == (0, "castor-show.html, blind.png, blind.gif (of wheel-odometry)\n", "")
+    for _ in range(2):  # pictures of this command are replaced
+        code, out, err = castor_bench(*arguments, "--gif", "blind.gif", "--png", "blind.png")
+        assert (code, out, err) == (0, "castor-show.html, blind.png, blind.gif (of wheel-odometry)\n", "")
     with Image.open("blind.png") as end, Image.open("blind.gif") as moving:
         last = np.asarray(end.convert("RGB"), dtype=int)
         assert (last == palette.ESTIMATE[:3]).all(axis=2).any()
@@ -233,19 +245,23 @@ MISTAKES = {
     "ending": (("--task", "arcs", "--png", "a.gif"), "--png a.gif: its name must end in .png"),
     "run": (("--task", "arcs", "--run", "3"), "--run 3: there are 2 runs"),
     "no folder": (("--task", "arcs", "--out", "mine.html/x.html"), "--out mine.html/x.html: cannot be written to ("),
+    "other picture": (("--task", "arcs", "--png", "mine.png"), "mine.png: is there already, and no picture of this"),
+    "other animation": (("--task", "arcs", "--gif", "mine.gif"), "mine.gif: is there already, and no picture of this"),
     "other file": (("--task", "arcs", "--out", "mine.html"), "is there already, and no page of this command"),
 }
 
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_mistakes_are_one_clear_line(castor_bench, tmp_path, name):
-    (tmp_path / "here" / "mine.html").write_text("<p>mine</p>")
+    mine = [tmp_path / "here" / name for name in ("mine.html", "mine.png", "mine.gif")]
+    for path in mine:
+        path.write_text("<p>mine</p>")
     arguments, said = MISTAKES[name]
     code, _, err = castor_bench("show", *arguments)
     assert code == 2
     assert said in err
     assert err.count("\n") == 1
-    assert (tmp_path / "here" / "mine.html").read_text() == "<p>mine</p>"
+    assert [path.read_text() for path in mine] == 3 * ["<p>mine</p>"]
 
 
 def test_a_calibration_task_shows_what_methods_return(castor_bench, monkeypatch):
