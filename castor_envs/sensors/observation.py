@@ -116,7 +116,8 @@ class Observations:
 
     def copied(self) -> "Observations":
         """Return the same with arrays of their own, for whoever may write into them."""
-        return Observations(**{name: None if of is None else of.copy() for name, of in vars(self).items()})
+        parts = {name: None if (part := getattr(self, name)) is None else part.copy() for name in OPTIONAL}
+        return Observations(self.wheel.copy(), self.time.copy(), **parts)
 
     def __len__(self) -> int:
         return self.time.shape[-1]

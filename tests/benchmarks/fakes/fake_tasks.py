@@ -86,7 +86,7 @@ class OfData(Arcs):
     """Arcs whose robot files depend on what a file says: a number to add to the case."""
 
     name: str = "of-data"
-    data: Path | None = None
+    data: Path = Path("not-given")
 
     def source_digest(self, case):
         return self.data.read_text()

@@ -16,7 +16,8 @@ from benchmarks.scoring.registry import score
 from benchmarks.tasks import measured_runs, official_tasks
 from benchmarks.tasks.measured_runs.body_reference import on_own_clock
 from benchmarks.tasks.measured_runs.splits import divided, path_length
-from benchmarks.tasks.measured_runs.task import _calibrated
+from benchmarks.tasks.measured_runs.task import MeasuredDrives, _calibrated
+from benchmarks.tasks.task import source_of
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.logs.importers.optiodom import REFERENCE_NOISE, find_sessions, read_session
@@ -113,10 +114,12 @@ def test_a_hash_of_a_sessions_files_tells_other_data_under_its_name(data, tmp_pa
     changed.write_text(changed.read_text().replace("\n0.05,", "\n0.051,"))
     same, other = (task_named(task.name, tmp_path / name) for name in ("same", "other"))
     for case, differs in (("alone", True), ("last-tuesday", False)):
-        assert same.source_digest(case) == task.source_digest(case)
-        assert (other.source_digest(case) != task.source_digest(case)) == differs
-    together, changed = (dataclasses.replace(one, one_robot=True) for one in (task, other))
-    assert together.source_digest("last-tuesday") != changed.source_digest("last-tuesday")  # others calibrate for it
+        assert source_of(same, case) == source_of(task, case) is not None
+        assert (source_of(other, case) != source_of(task, case)) == differs
+    assert isinstance(task, MeasuredDrives)
+    together, changed = (dataclasses.replace(task, data=at, one_robot=True) for at in (data, tmp_path / "other"))
+    assert source_of(together, "last-tuesday") != source_of(changed, "last-tuesday")  # others calibrate for it
+    assert source_of(task_named(task.name, None), "alone") is None
 
 
 @pytest.mark.parametrize("case", ["alone", "last-tuesday"])
