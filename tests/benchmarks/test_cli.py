@@ -339,7 +339,7 @@ def test_a_row_that_failed_makes_the_run_fail_after_the_board(jobs_here, castor_
     assert code == 1
     assert err.endswith("not all succeeded: faulty:Raises failed 2 of 2 cases of arcs; the reasons are above\n")
     assert "failed 2 of 2 cases" in out
-    assert out.endswith("castor-bench leaderboard arcs --results castor-results\n")
+    assert out.endswith("castor-bench leaderboard arcs --cases 2 --results castor-results\n")
     for _ in range(2):
         code, _, err = castor_bench(*arguments, plugin("fails_on_some:FailsOnSome"), "--cases", 4)
         assert code == 1
