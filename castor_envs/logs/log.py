@@ -7,7 +7,7 @@ import numpy as np
 from numpy.dtypes import StringDType
 from numpy.typing import NDArray
 
-from castor_envs.geometry.arrays import Numbers
+from castor_envs.geometry.arrays import Array, Numbers
 from castor_envs.sensors.observation import Observations, commanded_before, increments
 from castor_envs.vehicles.effect import Effect
 
@@ -92,3 +92,10 @@ def pivot_jumps(count: Numbers, counts_per_rev: float) -> NDArray[np.intp]:
     if np.ptp(count) <= counts_per_rev:
         return np.empty(0, dtype=np.intp)
     return np.flatnonzero(np.abs(np.diff(count)) > counts_per_rev / 2) + 1
+
+
+def unwrapped(count: Numbers, counts_per_rev: Array | float) -> Array:
+    """Return counts (K,) or (K, s) of pivot encoders that go on where these wrap after a turn: from one row to the next
+    the shorter way round."""
+    steps = np.diff(count, axis=0, prepend=count[:1])
+    return count[0] + np.cumsum(steps - counts_per_rev * np.round(steps / counts_per_rev), axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array, Numbers
-from castor_envs.logs.log import OPTIONAL, Log
+from castor_envs.logs.log import OPTIONAL, Log, unwrapped
 from castor_envs.logs.reference import TimedPoses, interpolated
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.train import TrainDescription
@@ -68,9 +68,7 @@ def _turned(log: Log, t: Array, vehicle: Vehicle) -> Array:
     for column, castor in enumerate(turns):
         count, turn = pivot[:, column], castor.pivot_counts_per_rev or np.inf
         wraps = np.isfinite(turn) and np.ptp(count) <= turn
-        steps = np.diff(count, prepend=count[0])
-        straight = count[0] + np.cumsum(steps - turn * np.round(steps / turn)) if wraps else count
-        found[:, column] = interpolated(log.t, straight, t)
+        found[:, column] = interpolated(log.t, unwrapped(count, turn) if wraps else count, t)
         if wraps:
             found[:, column] = count.min() + np.mod(found[:, column] - count.min(), turn)
     return found

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from castor_envs.errors import InputError
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, unwrapped
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
@@ -85,9 +85,8 @@ def _unwired(robot: RobotDescription, wiring: Sequence[Effect], logs: Logs) -> d
     """Return logs with their encoders where they belong."""
     channels, undo, unwired = Channels(robot), np.linalg.inv(reading_of(robot, wiring)), dict(logs)
     c, s = len(channels.names), len(channels.sensed)
-    turn = channels.per_rev[:s] / (2 * np.pi)
     for name, log in logs.items() if wiring else ():
-        counts = np.column_stack([np.unwrap(log.pivot / turn, axis=0) * turn, log.wheel])
+        counts = np.column_stack([unwrapped(log.pivot, channels.per_rev[:s]), log.wheel])
         counts = np.round(counts @ undo[:c, :c].T + undo[:c, -1], 6)
         undone = (*log.undone, *wiring)
         unwired[name] = dataclasses.replace(log, wheel=counts[:, s:], pivot=counts[:, :s], undone=undone)

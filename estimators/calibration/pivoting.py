@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from castor_envs.errors import Declined, InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import wrap
-from castor_envs.logs.log import Log, pivot_jumps
+from castor_envs.logs.log import Log, pivot_jumps, unwrapped
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.protocol import Recording, Report, Result, in_recording
 
@@ -197,9 +197,7 @@ def _measured(robot: RobotDescription, turn: Turn) -> _Measured:
     for i in range(len(per_pivot)):
         if (jumps := pivot_jumps(log.pivot[:, i], per_pivot[i])).size:
             raise InputError(f"pivot {i + 1} jumps by over half a turn at row {jumps[0] + 1}; sample faster")
-    steps = np.diff(log.pivot, axis=0, prepend=log.pivot[:1])
-    pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
-    wheel = log.wheel - log.wheel[0]
+    pivot, wheel = unwrapped(log.pivot, per_pivot), log.wheel - log.wheel[0]
     gave = np.abs(wheel[:, 2 * held : 2 * held + 2] * 2 * np.pi / per_wheel[2 * held : 2 * held + 2]).max()
     if gave > HELD:
         raise InputError(

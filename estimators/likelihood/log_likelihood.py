@@ -28,7 +28,7 @@ from castor_envs.geometry.alignment import aligned
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, relative_pose
 from castor_envs.geometry.steps import path_of, smoothed
-from castor_envs.logs.log import Log, pivot_jumps
+from castor_envs.logs.log import Log, pivot_jumps, unwrapped
 from castor_envs.motion.kinematics import Geometry
 from estimators.likelihood.elimination import FEW, LARGE, Rows, blocks, information_on_states, log_determinant
 from estimators.likelihood.measurements.gyro import GyroRates
@@ -103,9 +103,7 @@ class LogLikelihood(RollingConstraints):
         for column, (castor, turn) in enumerate(zip(sensed, per_pivot, strict=True)):
             if (jumps := pivot_jumps(log.pivot[:, column], turn)).size:
                 raise InputError(f"pivot {castor + 1} jumps by over half a turn at row {jumps[0] + 1}; sample faster")
-        steps = np.diff(log.pivot, axis=0, prepend=log.pivot[:1])
-        pivot = log.pivot[0] + np.cumsum(steps - per_pivot * np.round(steps / per_pivot), axis=0)
-        self._counts = np.column_stack([pivot, log.wheel])
+        self._counts = np.column_stack([unwrapped(log.pivot, per_pivot), log.wheel])
         self._alike, self._spread, self._length = np.stack([_of_runs(column) for column in self._counts.T], axis=-1)
         self._play, self._latencies = np.zeros(self._counts.shape), np.zeros(self._counts.shape[1])
         self._weigh_counts()

@@ -7,6 +7,7 @@ import numpy as np
 
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
+from castor_envs.logs.log import unwrapped
 from castor_envs.motion.controllers import trailing_angles
 from castor_envs.motion.kinematics import Geometry, castor_rates, constraint_matrix, inverse, pivot_velocity
 from castor_envs.sensors.encoders import Encoders
@@ -55,8 +56,7 @@ def with_pivot_counts_unwrapped(robot: RobotDescription, observations: Observati
     """Return the same observations from pivot encoders that count on beyond a turn."""
     turn = np.array([robot.castors[i].pivot_counts_per_rev for i in robot.pivot_encoders], dtype=float)
     read = np.array([observation["pivot"] for observation in observations])
-    steps = np.diff(read, axis=0, prepend=read[:1])
-    counts = read[0] + np.cumsum(steps - turn * np.round(steps / turn), axis=0)
+    counts = unwrapped(read, turn)
     return [{**observation, "pivot": count} for observation, count in zip(observations, counts, strict=True)]
 
 

@@ -30,7 +30,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose
 from castor_envs.geometry.steps import Motion, Slip
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, unwrapped
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
@@ -159,7 +159,7 @@ class StrengthMetric:
     def jitter(self) -> Array:
         """The variances that jitter with a variance of 1 s^2 adds to whitened residuals, along its own axes."""
         turn = self._geometry.pivot_counts_per_rev[self._geometry.sensed]
-        counts = np.column_stack([np.unwrap(self.exact.pivot / turn, axis=0, period=1) * turn, self.exact.wheel])
+        counts = np.column_stack([unwrapped(self.exact.pivot, turn), self.exact.wheel])
         before = np.diff(counts, axis=0) / np.diff(self.exact.t)[:, None]  # readings at other times are extrapolated
         rate = np.concatenate([before[:1], before])
         samples, channels = rate.shape
