@@ -12,7 +12,7 @@ from castor_envs.vehicles.train import TrainDescription
 from discrepancy.posterior.answers import SHOWN, Answer, Cause
 from discrepancy.posterior.calibrated import CREDIBLE, NOTHING
 from discrepancy.posterior.model.refit import Sized, fit_with
-from discrepancy.posterior.variances.jitter import SIZES, held_out_log_odds, weighed
+from discrepancy.posterior.variances.jitter import SIZES, excess_of
 from discrepancy.trains.candidates import Candidate
 from discrepancy.trains.linearise import Linearised, cost_of_noise
 
@@ -84,17 +84,15 @@ def noise_answers(seen: Linearised, held: Linearised | None, good: Linearised | 
     """
     answers = []
     for kind in GaugeNoise.variants(seen.train):
-        f, tolerance, usual = kind.frame - 1, GaugeNoise.tolerance, 0.0
+        f, usual = kind.frame - 1, 0.0
         if good is not None:
             usual = float(good.train.as_built().frames[f].gauge_noise * max(_noise(good, f)[1] - 1, 0.0) ** 0.5)
-        probability, size, error = weighed(_log_likelihood(seen, f, usual), names)
-        if probability < CREDIBLE:
-            continue
-        confirmed = None if held is None else held_out_log_odds(_log_likelihood(held, f, usual), size)
-        candidate = Candidate.of(kind, seen.train)
-        cost = cost_of_noise(seen, f)
-        sized = size * tolerance, error * tolerance
-        answers.append(Answer.judged_apart(candidate, probability, *sized, size * tolerance * cost, confirmed))
+        elsewhere = None if held is None else _log_likelihood(held, f, usual)
+        found = excess_of(kind.tolerance, _log_likelihood(seen, f, usual), elsewhere, names)
+        if found is not None:
+            probability, size, error, confirmed = found
+            candidate, cost = Candidate.of(kind, seen.train), size * cost_of_noise(seen, f)
+            answers.append(Answer.judged_apart(candidate, probability, size, error, cost, confirmed))
     return answers
 
 

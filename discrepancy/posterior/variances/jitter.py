@@ -17,13 +17,13 @@ from scipy.special import expit
 
 from castor_envs.effects.clocks import SampleJitter
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.log import Log
-from castor_envs.motion.kinematics import Geometry
+from castor_envs.logs.log import Log, unwrapped
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, prior_log_odds
 from discrepancy.validation.cost import cost_of
+from estimators.likelihood.channels import Channels
 from estimators.likelihood.disagreement import MEDIAN
 
 SIZES = np.geomspace(0.01, 300.0, 201)
@@ -66,19 +66,19 @@ def jitter_answer(
     seen = jitter_of(robot, logs)
     if seen is None:
         return None
-    found = jitter_of(robot, clean) if clean else None
-    usual, tolerance = 0.0 if found is None else found.value, SampleJitter.tolerance
-    probability, size, error = weighed(_log_likelihood(robot, logs, usual), names)
-    if probability < CREDIBLE:
+    in_clean = jitter_of(robot, clean) if clean else None
+    usual = 0.0 if in_clean is None else in_clean.value
+    elsewhere = _log_likelihood(robot, held_out, usual) if held_out else None
+    found = excess_of(SampleJitter.tolerance, _log_likelihood(robot, logs, usual), elsewhere, names)
+    if found is None:
         return None
+    probability, size, error, confirmed = found
     (kind,) = SampleJitter.variants(robot)
-    effect = dataclasses.replace(kind, value=size * tolerance)
     candidate = Candidate(described(kind), (kind,))
     if seen.seldom:
         candidate = Candidate(f"all encoders are read early or late together at some times, most {seen.seldom}")
-    confirmed = held_out_log_odds(_log_likelihood(robot, held_out, usual), size) if held_out else None
-    cost = np.array([cost_of(robot, effect, logs) or 0.0, 0.0])
-    return Answer.judged_apart(candidate, probability, effect.value, error * tolerance, cost, confirmed)
+    cost = np.array([cost_of(robot, dataclasses.replace(kind, value=size), logs) or 0.0, 0.0])
+    return Answer.judged_apart(candidate, probability, size, error, cost, confirmed)
 
 
 def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) -> Array:
@@ -96,25 +96,26 @@ def _log_likelihood(robot: RobotDescription, logs: Sequence[Log], usual: float) 
     return total
 
 
-def weighed(log_likelihood: Array, names: int) -> tuple[float, float, float]:
-    """Return the probability of a fault, given the log-likelihood of logs with each of `SIZES`, and its size and
-    standard error, in tolerances. names: number of possible faults, all of the same prior probability.
+def excess_of(
+    tolerance: float, logs: Array, held_out: Array | None, names: int
+) -> tuple[float, float, float, float | None] | None:
+    """Return the probability of noise beyond good order, its size and the standard error of that in the effect's unit,
+    and the log-likelihood ratio of held-out logs with and without it; None if the probability is below `CREDIBLE`.
 
-    Priors as for every other effect: in good order normal, with the tolerance as standard deviation; a fault is Cauchy
-    distributed.
+    logs, held_out: log-likelihood of these and of held-out logs (None: there are none) with each of `SIZES`. names:
+    number of possible answers, all of the same prior probability. Priors as for every other effect: in good order
+    normal, with the tolerance as standard deviation; a fault is Cauchy distributed.
     """
     fault = -np.log1p((SIZES / FAULT) ** 2)
-    log_odds = _averaged(log_likelihood, fault) - _averaged(log_likelihood, GOOD_ORDER)
-    weight = np.exp(log_likelihood + fault - np.max(log_likelihood + fault)) * SIZES
+    log_odds = _averaged(logs, fault) - _averaged(logs, GOOD_ORDER)
+    probability = float(expit(log_odds + prior_log_odds(names)))
+    if probability < CREDIBLE:
+        return None
+    weight = np.exp(logs + fault - np.max(logs + fault)) * SIZES
     size = float(np.average(SIZES, weights=weight))
     error = float(np.sqrt(np.average((SIZES - size) ** 2, weights=weight)))
-    return float(expit(log_odds + prior_log_odds(names))), size, error
-
-
-def held_out_log_odds(log_likelihood: Array, size: float) -> float:
-    """Return the log-likelihood ratio (natural logarithm) of other logs with a fault of this size, in tolerances,
-    against good order."""
-    return float(np.interp(size, SIZES, log_likelihood)) - _averaged(log_likelihood, GOOD_ORDER)
+    confirmed = None if held_out is None else float(np.interp(size, SIZES, held_out)) - _averaged(held_out, GOOD_ORDER)
+    return probability, size * tolerance, error * tolerance, confirmed
 
 
 def _averaged(log_likelihood: Array, log_density: Array) -> float:
@@ -186,9 +187,8 @@ class Delays(NamedTuple):
 
 def delays_of(robot: RobotDescription, log: Log) -> Delays:
     """Return the delays that all encoders share, in differences of order `ORDER`."""
-    turn = Geometry.of(robot).pivot_counts_per_rev[list(robot.pivot_encoders)]
-    pivot = [np.unwrap(column, period=period) for column, period in zip(log.pivot.T, turn, strict=True)]
-    counts = np.column_stack([*pivot, log.wheel])
+    channels = Channels(robot)
+    counts = np.column_stack([unwrapped(log.pivot, channels.per_rev[: len(channels.sensed)]), log.wheel])
     if len(log) <= 2 * ORDER:
         return Delays(*[np.zeros(0)] * 4, row=np.zeros(0, dtype=np.intp))
     times = sliding_window_view(log.t, ORDER + 1)
