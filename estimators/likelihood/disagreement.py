@@ -20,6 +20,7 @@ from estimators.likelihood.creep_prediction import UNEVEN
 from estimators.likelihood.elimination import blocks, most_of
 from estimators.likelihood.log_likelihood import LogLikelihood
 from estimators.likelihood.rolling import Changes
+from estimators.likelihood.statistics import least_squares
 
 WINDOW, QUICK = 1.0, 0.2
 """s: windows over which disagreement is summed. In the long ones errors of rounding, and of castors that turn between
@@ -62,9 +63,6 @@ were driven against each other as castors turned go on so until these turn again
 
 MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
-
-Sizes = tuple[float, float]
-"""Standard deviations of disagreement as a part of the way: along the wheel's rolling, and to its side."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,7 +124,7 @@ class Disagreement:
         shares += [(ways[0], False)] if np.any(caused) else []
         for count in 1 + np.flatnonzero(np.any(caused, axis=(0, 1))):
             of_ways = caused[free, :, :count].reshape(-1, count)
-            fitted = np.linalg.lstsq(of_ways, seen[free].reshape(-1), rcond=1e-9)[0]
+            fitted = least_squares(of_ways, seen[free].reshape(-1))
             share = np.clip(fitted, 0.0, MOST_CAUSED) @ ways[:count]
             shares += [(share, False), (share, True)]
 
@@ -192,20 +190,11 @@ class Disagreement:
             share=float(share[0]) if len(shares) > 1 else np.nan,
         )
 
-    def sizes(self) -> Sizes:
-        """Return the usual size of disagreement, by the median, so that exceptional windows do not affect it."""
-        along, across = (_size(self.seen[self.counted][:, rows]) for rows in (self.along, ~self.along))
-        return along, across
-
     @cached_property
-    def _noise(self) -> "_Usual":
+    def usual(self) -> "Usual":
+        """Usual disagreement, with the likeliest amount for contacts that motors turn on the floor. The slip that the
+        fit sees there is no measure of it: that is larger with a wrong model."""
         return _usual(self.seen, self.counted, self.along, self.turned, self.linked)
-
-    @property
-    def usual(self) -> Array:
-        """The usual size (W, rows) of disagreement in every window, with the likeliest amount for contacts that motors
-        turn on the floor. The slip that the fit sees there is no measure of it: that is larger with a wrong model."""
-        return self._noise.size
 
     @cached_property
     def scale(self) -> Array:
@@ -222,7 +211,7 @@ class Disagreement:
         if len(columns):
             by_size = (self.by_size[..., list(columns)] / scale[..., None]).reshape(len(left), len(columns))
             by_size = np.repeat(self.counted, self.seen.shape[1])[:, None] * by_size
-            left = left - by_size @ np.linalg.lstsq(by_size, left, rcond=1e-9)[0]
+            left = left - by_size @ least_squares(by_size, left)
         return left.reshape(self.seen.shape)
 
     def slips(self, row: int, size: Array) -> Array:
@@ -235,9 +224,9 @@ class Disagreement:
     def statistics(self) -> tuple[Array, Array, float]:
         """Return information and score of sizes (C,) and of the masked amount of each (C,), and the log-likelihood
         where all of these are 0."""
-        seen = self._noise.whitened(self.seen)
-        weight, likely = _weighed(seen, self._noise, self.counted)
-        by_size, shared = (self._noise.whitened(of) * weight[..., None] for of in (self.by_size, self.shared))
+        seen = self.usual.whitened(self.seen)
+        weight, likely = _weighed(seen, self.usual, self.counted)
+        by_size, shared = (self.usual.whitened(of) * weight[..., None] for of in (self.by_size, self.shared))
         columns, shared = by_size.reshape(self.seen.size, -1), shared.reshape(self.seen.size, -1)
         information, score = columns.T @ columns, columns.T @ (seen * weight).reshape(-1)
         crossed, of_shared = shared.T @ columns + self.quick[3], shared.T @ shared + self.quick[4]
@@ -286,7 +275,7 @@ class _Quick:
         free = (parts - 1) / parts
         quick._shared = quick._differences(shared, slice(0, len(way)))
         independent = np.where(along, *sizes), np.zeros_like(turned)
-        each = [_Usual.of(*independent, by_turning * turned) for by_turning in _amounts(turned)]
+        each = [Usual.of(*independent, by_turning * turned) for by_turning in _amounts(turned)]
         weighed = [(_weighed(usual.whitened(quick._seen), usual, counts, free), usual) for usual in each]
         (weight, quick.likely), usual = max(weighed, key=lambda one: one[0][1])
         quick._weight = weight / usual.new
@@ -360,15 +349,15 @@ def _part_of_way(variance: Array, starts: NDArray[np.intp], rolled: Array) -> Ar
 
 
 @dataclass(frozen=True, eq=False)
-class _Usual:
+class Usual:
     """Usual disagreement: the part (W, rows) of that in the window before that is left, and the size (W, rows) of what
-    is new."""
+    is new; or several of these, along a last axis."""
 
     kept: Array
     new: Array
 
     @classmethod
-    def of(cls, size: Array | float, kept: Array, turned: Array) -> "_Usual":
+    def of(cls, size: Array | float, kept: Array, turned: Array) -> "Usual":
         """Return this where disagreement of a size (rows,), of which a part (W, rows) is left in the next window, is
         there as well as what motors cause that turn contacts (W, rows)."""
         return cls(kept, np.sqrt(np.square(size) * (1 - kept**2) + turned**2))
@@ -384,28 +373,29 @@ class _Usual:
     def whitened(self, values: Array | NDArray[np.float32]) -> Array:
         """Return what is new in values (W, rows, ...), in units of its size: of usual disagreement the standard
         deviation is 1, and nothing correlates."""
-        kept, new = (of.reshape(*of.shape, *[1] * (values.ndim - 2)) for of in (self.kept, self.new))
+        kept, new = (of.reshape(*of.shape, *[1] * (values.ndim - of.ndim)) for of in (self.kept, self.new))
         found = values / new
         found[1:] -= kept[1:] * values[:-1] / new[1:]
         return found
 
 
-def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, linked: Array) -> _Usual:
+def _usual(seen: Array, counted: NDArray[np.bool_], along: NDArray[np.bool_], turned: Array, linked: Array) -> Usual:
     """Return the likeliest usual disagreement: of each kind its size, by the median, and how much of it lasts (one of
     `LASTING`, if it may), and of both how much motors cause that turn contacts. What is new in a window is at least
     `LEAST`."""
-    kinds = [(rows, _lasting(seen[:, rows], counted, linked[:, rows])) for rows in (along, ~along) if np.any(rows)]
-    found = []
-    for amount in _amounts(turned):
-        usual, log_density = _Usual(np.zeros_like(seen), np.full(seen.shape, LEAST)), 0.0
-        for rows, sizes in kinds:
-            each = [_Usual.of(size, kept, amount * turned[:, rows]) for size, kept in sizes]
-            by_density = [_log_density(one.whitened(seen[:, rows]), one, counted) for one in each]
-            k = int(np.argmax(by_density))
-            usual.kept[:, rows], usual.new[:, rows] = each[k].kept, each[k].new
-            log_density += by_density[k]
-        found.append((log_density, usual))
-    return max(found, key=itemgetter(0))[1]
+    amounts, kinds = np.array(_amounts(turned)), []
+    for rows in (along, ~along):
+        if np.any(rows):
+            by_turning, sizes = amounts * turned[:, rows, None], _lasting(seen[:, rows], counted, linked[:, rows])
+            each = [Usual.of(size, kept[..., None], by_turning) for size, kept in sizes]
+            log_density = [_log_density(one.whitened(seen[:, rows, None]), one, counted) for one in each]
+            kinds.append((rows, each, np.array(log_density)))
+    amount = int(np.argmax(sum(log_density.max(axis=0) for *_, log_density in kinds)))
+    usual = Usual(np.zeros_like(seen), np.full(seen.shape, LEAST))
+    for rows, each, log_density in kinds:
+        best = each[int(np.argmax(log_density[:, amount]))]
+        usual.kept[:, rows], usual.new[:, rows] = best.kept[..., 0], best.new[..., amount]
+    return usual
 
 
 def _lasting(seen: Array, counted: NDArray[np.bool_], linked: Array) -> list[tuple[float, Array]]:
@@ -414,7 +404,7 @@ def _lasting(seen: Array, counted: NDArray[np.bool_], linked: Array) -> list[tup
     found = []
     for lasting in LASTING if np.any(linked) else LASTING[:1]:
         kept = lasting * linked
-        off = _Usual.of(1.0, kept, np.zeros_like(kept)).whitened(seen)[counted]
+        off = Usual.of(1.0, kept, np.zeros_like(kept)).whitened(seen)[counted]
         least = LEAST / math.sqrt(1 - lasting**2)
         size = float(np.median(np.abs(off))) / MEDIAN if lasting and off.size else _size(seen[counted])
         found.append((max(size, least), kept))
@@ -426,7 +416,7 @@ def _linked(counted: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return counted & np.concatenate([[False], counted[:-1]])
 
 
-def _weighed(seen: Array, usual: _Usual, counted: NDArray[np.bool_], free: float = 1.0) -> tuple[Array, float]:
+def _weighed(seen: Array, usual: Usual, counted: NDArray[np.bool_], free: float = 1.0) -> tuple[Array, float]:
     """Return the weights (W, rows) of disagreements that are whitened, and their log-likelihood; beyond `FARTHEST`
     times its usual size the loss of a disagreement is linear, no more quadratic.
 
@@ -436,12 +426,14 @@ def _weighed(seen: Array, usual: _Usual, counted: NDArray[np.bool_], free: float
     free *= max(seen.shape[1] - BODY, 0) / seen.shape[1]
     off = np.abs(seen)
     weight: Array = np.sqrt(free * np.minimum(FARTHEST / np.maximum(off, 1e-12), 1.0)) * counted[:, None]
-    return weight, free * _log_density(seen, usual, counted)
+    return weight, free * float(_log_density(seen, usual, counted))
 
 
-def _log_density(seen: Array, usual: _Usual, counted: NDArray[np.bool_]) -> float:
-    """Return the log density, by Huber's loss, of disagreements (W, rows) that are whitened, but for a constant."""
-    return -float(np.sum((np.log(usual.new) + _loss(np.abs(seen)))[counted]))
+def _log_density(seen: Array, usual: Usual, counted: NDArray[np.bool_]) -> Array:
+    """Return the log density (...), by Huber's loss, of disagreements (W, rows, ...) that are whitened, but for a
+    constant."""
+    unlikely = (np.log(usual.new) + _loss(np.abs(seen)))[counted]
+    return -unlikely.reshape(-1, *unlikely.shape[2:]).T.copy().sum(axis=-1)
 
 
 def _loss(off: Array) -> Array:

@@ -124,44 +124,21 @@ class RollingConstraints:
         changes."""
         return self.as_motion(changes.geometry, changes.state[_samples_of(steps)], self._decreasing(changes, steps))
 
-    def masked_by_creep(self, changes: Changes, stiffness: Array) -> Array:
-        """Return the slips (K - 1, rows, G + R) by which wheels compensate contradictions between their counts, per
-        unit of changes of geometry and readings.
-
-        Wheels whose held speeds contradict each other creep with the least loss of power: weighted least squares with
-        the stiffness of each row (K - 1, rows), of the residuals that no motion of body and castors explains.
-        """
-        geometry, masked = changes.geometry, []
-        for steps in blocks(len(stiffness)):
-            stiff = np.sqrt(stiffness[steps] / stiffness[steps].max(axis=1, keepdims=True))
-            moved = self._moved(geometry, *self._matrices_in(geometry, changes.state, steps))
-            contradicting = self.contradicting(changes, steps)
-            by_motion = np.linalg.pinv(stiff[..., None] * moved, rcond=1e-10)
-            masked.append(contradicting - moved @ (by_motion @ (stiff[..., None] * contradicting)))
-            masked[-1][np.abs(masked[-1]) <= 1e-12 * np.abs(contradicting).max()] = 0.0  # without contradiction
-        return np.concatenate(masked)
-
     def agreement_by(self, changes: Changes, steps: slice) -> Array:
         """Return the decrease of the disagreement in some steps (k, rows, G + R), per unit of changes."""
         decrease = self._decreasing(changes, steps)
         a, _ = self._matrices_in(changes.geometry, changes.state, steps)
         return decrease - a @ (np.linalg.pinv(a, rcond=1e-10) @ decrease)
 
-    def contradicting(self, changes: Changes, steps: slice) -> Array:
-        """Return the change of the residuals of some steps (k, rows, G + R), per unit of changes of geometry and
-        readings."""
+    def _decreasing(self, changes: Changes, steps: slice) -> Array:
+        """Return the decrease of the residuals of some steps (k, rows, G + R), per unit of changes."""
         near, inner = self._near(steps)
         start, end = self._derivatives(changes.geometry, changes.state[_samples_of(near)], self._even[near])
         by_change = self._by_change(changes.geometry, changes.changed, changes.change, changes.state, steps)
         read = changes.readings[_samples_of(steps)]
         by_reading = -(start[inner, :, 3:] @ read[:-1] + end[inner, :, 3:] @ read[1:])
-        return np.concatenate([by_change, by_reading], axis=-1)
-
-    def _decreasing(self, changes: Changes, steps: slice) -> Array:
-        """Return the decrease of the residuals of some steps (k, rows, G + R), per unit of changes."""
-        contradicting = self.contradicting(changes, steps)
-        contradicting[..., len(changes.change) :] -= changes.slips[steps]
-        return np.negative(contradicting, out=contradicting)
+        increase = np.concatenate([by_change, by_reading - changes.slips[steps]], axis=-1)
+        return np.negative(increase, out=increase)
 
     def _near(self, steps: slice) -> tuple[slice, slice]:
         """Return some steps with those by which they are integrated, and the steps' place among these."""

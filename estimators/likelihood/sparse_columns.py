@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 
-Index = NDArray[np.intp]
-
 
 class ByBlocks(Protocol):
     """Columns (K, rows, C) that are made for some samples or steps at a time; an array is such as well."""

@@ -1,8 +1,22 @@
-"""Sufficient statistics of sizes whose values scatter about a mean."""
+"""Sufficient statistics of sizes: the sizes that they determine, and those of sizes that scatter about a mean."""
 
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
+
+DETERMINED = 1e-9
+"""Least singular value of a matrix, as a part of the largest, of what the matrix determines."""
+
+
+def least_squares(matrix: Array, values: Array) -> Array:
+    """Return x, (m,) or (m, k), for which matrix (n, m) @ x is the nearest to values, (n,) or (n, k); 0 of what the
+    matrix leaves open. Of information and score these are sizes of maximum likelihood."""
+    return np.asarray(np.linalg.lstsq(matrix, values, rcond=DETERMINED)[0], dtype=np.float64)
+
+
+def pseudo_inverse(information: Array) -> Array:
+    """Return the covariance (m, m) of sizes that this information (m, m) determines; 0 of what it leaves open."""
+    return np.asarray(np.linalg.pinv(information, rcond=DETERMINED, hermitian=True), dtype=np.float64)
 
 
 def scattered(information: Array, score: Array, covariance: Array) -> tuple[Array, Array]:

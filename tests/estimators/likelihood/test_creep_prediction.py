@@ -37,12 +37,31 @@ def candidate_of(robot, effect):
     return next(candidate for candidate in candidates_of(robot) if candidate.is_of(effect))
 
 
+def usual_size(seen):
+    """The largest size of disagreement, along and across, by the median."""
+    (disagreement,) = seen.disagreements
+    off = np.abs(disagreement.seen[disagreement.counted])
+    return max(np.median(off[:, rows]) for rows in (disagreement.along, ~disagreement.along))
+
+
+def creep_of_least_power(design, stiffness):
+    """The slips (K - 1, rows, G + R) by which wheels whose held speeds contradict each other creep, per unit of each
+    change: weighted least squares, with the stiffness of each row, of the residuals that no motion of body and castors
+    explains."""
+    model, changes = design.model, design.changes
+    stiff = np.sqrt(stiffness / stiffness.max(axis=1, keepdims=True))[..., None]
+    steps = slice(0, len(stiffness))
+    moved = model._moved(changes.geometry, *model._matrices_in(changes.geometry, changes.state, steps))
+    contradicting = -model._decreasing(changes, steps)
+    return contradicting - moved @ (np.linalg.pinv(stiff * moved, rcond=1e-10) @ (stiff * contradicting))
+
+
 def test_steered_wheels_disagree_as_predicted_of_an_effect_in_the_model():
     """By the description, which their controller uses, they agree; with the effect they disagree twenty times as much,
     of which the prediction leaves no more than they disagree by the description."""
     robot, log = preset("swerve"), driven("swerve", STEERED)
     plain, seen = (linearise(vehicle, [log], among=()) for vehicle in (robot, robot.with_effects(STEERED)))
-    assert max(seen.disagreements[0].sizes()) < 1.1 * max(plain.disagreements[0].sizes())
+    assert usual_size(seen) < 1.1 * usual_size(plain)
     (disagreement,), (design,) = seen.disagreements, seen.designs
     whole = design.model.disagreement(design.geometry, design.state)
     whole = np.abs(np.add.reduceat(whole, np.cumsum([0, *disagreement.steps[:-1]]), axis=0))
@@ -69,7 +88,7 @@ def test_wheels_turn_as_if_their_castor_stood_where_a_stuck_reading_says():
 def test_passive_castors_show_a_smaller_disagreement_with_the_effect_in_the_model():
     robot, log = preset("asoc-prototype"), driven("asoc-prototype", RADIUS)
     plain, seen = (linearise(vehicle, [log], among=()) for vehicle in (robot, robot.with_effects(RADIUS)))
-    assert max(seen.disagreements[0].sizes()) < 0.6 * max(plain.disagreements[0].sizes())
+    assert usual_size(seen) < 0.6 * usual_size(plain)
 
 
 def test_wheels_disagree_as_predicted_where_their_controller_did_not_know_of_exchanged_encoders():
@@ -142,7 +161,7 @@ def test_the_creep_that_a_small_effect_causes_is_of_least_power(name, effect):
     log, candidate = driven(name, effect), candidate_of(preset(name), effect)
     (design,) = linearise(preset(name), [log], among=[candidate]).designs
     slipping = Slipping(preset(name).with_effects(effect), design.model, log, design.state)
-    linear = effect.value * design.model.masked_by_creep(design.changes, slipping.stiffness)[..., 0]
+    linear = effect.value * creep_of_least_power(design, slipping.stiffness)[..., 0]
     predicted = slipping.by_effects
     product, square = np.sum(linear * predicted), np.sum(linear**2)
     assert product / np.sqrt(square * np.sum(predicted**2)) > 0.97
@@ -156,7 +175,7 @@ def test_wheels_that_are_driven_against_each_other_do_not_move_the_body(name):
     (design,) = linearise(robot, [driven(name, effect)], among=[candidate_of(robot, effect)]).designs
     path = design.model.odometry(design.geometry)
     assert design.model.stiffness is not None
-    creep = design.model.masked_by_creep(design.changes, design.model.stiffness)[..., 0]
+    creep = creep_of_least_power(design, design.model.stiffness)[..., 0]
     moved = design.model.odometry(design.geometry, effect.value * creep)
     assert np.abs(effect.value * creep).sum(axis=0).max() > 0.01
     assert moved == pytest.approx(path, abs=1e-4)  # at the readings, not at the state

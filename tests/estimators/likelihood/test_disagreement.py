@@ -31,7 +31,7 @@ def seen():
 
 def test_in_good_order_wheels_agree_but_for_what_rounding_leaves():
     (disagreement,) = seen().disagreements
-    assert max(disagreement.sizes()) < 1.5 * LEAST
+    assert disagreement.scale.max() < 1.5 * LEAST
     assert np.abs(disagreement.beside([])).max() < 6
 
 
@@ -125,7 +125,7 @@ def test_what_each_row_may_disagree_by_counts_as_correlated_noise():
     lost, determinant = np.zeros((count, count)), 0.0
     for row in range(plain.seen.shape[1]):
         of_row = plain.by_size[:, row].astype(float)
-        precision = np.eye(len(of_row)) * independent / plain.usual[:, row] ** 2
+        precision = np.eye(len(of_row)) * independent / plain.usual.size[:, row] ** 2
         covariance = np.linalg.inv(precision) + np.outer(pattern[:, row], pattern[:, row])
         lost += of_row.T @ (precision - np.linalg.inv(covariance)) @ of_row
         determinant += np.linalg.slogdet(covariance @ precision)[1]
@@ -158,7 +158,7 @@ def test_rows_that_give_way_unequally_are_found_to_by_as_much():
     told: Any = Told(model, left)
     found = Disagreement.of(told, design.changes, log_.t, caused[..., None], np.zeros(caused.shape, dtype=bool))
     assert 0.4 < found.share < 0.6
-    assert max(found.sizes()) < 2 * LEAST
+    assert found.usual.size.max() < 2 * LEAST
 
 
 def test_wheels_that_a_motor_turns_on_the_floor_may_disagree_more():
@@ -180,7 +180,7 @@ def test_wheels_that_a_motor_turns_on_the_floor_may_disagree_more():
         seen = np.random.default_rng(0).normal(size=size.shape) * size
         noisy = dataclasses.replace(disagreement, seen=seen)
         assert np.sqrt(np.mean(noisy.beside([]) ** 2)) == pytest.approx(1.0, abs=0.15)
-        assert np.median(noisy.usual / size) == pytest.approx(1.0, abs=0.3)
+        assert np.median(noisy.usual.size / size) == pytest.approx(1.0, abs=0.3)
 
 
 def test_what_contacts_slip_on_average_as_motors_turn_them_is_not_seen():
@@ -232,7 +232,7 @@ def test_wheels_that_are_driven_against_each_other_disagree_until_castors_turn()
     likely = told.statistics()[2] / (1 - 3 / rows)
     assert likely == pytest.approx(density, abs=0.05 * off.size)
     size = np.sqrt(np.sum(root**2, axis=1))
-    assert np.median(told.usual / size[:, None]) == pytest.approx(1.0, abs=0.3)
+    assert np.median(told.usual.size / size[:, None]) == pytest.approx(1.0, abs=0.3)
     unlinked = dataclasses.replace(told, linked=np.zeros(off.shape)).statistics()[2] / (1 - 3 / rows)
     assert likely > unlinked + 0.3 * off.size
 
