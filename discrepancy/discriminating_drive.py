@@ -17,12 +17,13 @@ from castor_envs.geometry.se2 import relative_pose
 from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import Trajectory, chained, wander
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.posterior.answers import Answer, Place
+from discrepancy.posterior.answers import Answer, Cause, Place
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.priors import PARTS, direction_of, order_of
 from discrepancy.posterior.random_effects import GoodOrder, Statistics
 from estimators.calibration.drives import DRIVES, REFERENCE, Poses, log_of
+from estimators.likelihood.statistics import pseudo_inverse
 
 SEEDS = (1, 2, 3)
 """Of random paths beside that of `DRIVES`: where one was driven, and it is not enough, another one may be."""
@@ -73,19 +74,19 @@ def separating_drives(
     return best
 
 
-def _likely(answer: Answer, seen: Linearised) -> list[int]:
-    """Return the numbers of the effects in an ambiguous answer's credible set, one of each family, its own first."""
+def _likely(answer: Answer, seen: Linearised) -> list[Cause]:
+    """Return the effects in an ambiguous answer's credible set, one of each family, its own first."""
     if answer.verdict != "ambiguous" or answer.candidate not in seen.candidates:
         return []
-    likely = {answer.candidate.family: seen.candidates.index(answer.candidate)}
-    for k, candidate in enumerate(seen.candidates):
+    likely = {answer.candidate.family: answer.candidate}
+    for candidate in seen.candidates:
         if candidate.kinds and candidate.family in answer.credible:
-            likely.setdefault(candidate.family, k)
+            likely.setdefault(candidate.family, candidate)
     return list(likely.values())
 
 
 def _expected(
-    new: Linearised, seen: Linearised, answer: Answer, likely: Sequence[int], order: GoodOrder, known: Array
+    new: Linearised, seen: Linearised, answer: Answer, likely: Sequence[Cause], order: GoodOrder, known: Array
 ) -> float:
     """Return the least expected log Bayes factor between the effects of an answer; 0 if the drive hides one.
 
@@ -93,10 +94,10 @@ def _expected(
     was found; each other effect has the size at which it is most similar to that in these logs. The alternative to each
     may have any size, and any part of it may be masked by creep.
     """
-    if any(seen.candidates[k] not in new.candidates for k in likely):
+    if not new.columns.keys() >= set(likely):
         return 0.0
     information = order.beyond([*seen.logs, _in_columns_of(seen, new)]).information
-    directions = [[direction_of(seen, Place(k, part)) for part in PARTS] for k in likely]
+    directions = [[direction_of(seen, Place(cause, part)) for part in PARTS] for cause in likely]
     found = direction_of(seen, Place(likely[0], answer.masked)) @ answer.amplitudes
     sizes = [found, *(_nearest(found, of_effect, known) for of_effect in directions[1:])]
     pairs = itertools.permutations(range(len(likely)), 2)
@@ -109,16 +110,17 @@ def _nearest(size: Array, directions: Sequence[Array], information: Array) -> Ar
     nearest = []
     for direction in directions:
         strength = direction.T @ information @ direction
-        amplitudes = np.linalg.pinv(strength, rcond=1e-9, hermitian=True) @ (direction.T @ information @ size)
+        amplitudes = pseudo_inverse(strength) @ (direction.T @ information @ size)
         nearest.append(direction @ amplitudes)
     return min(nearest, key=lambda other: float((size - other) @ information @ (size - other)))
 
 
 def _in_columns_of(seen: Linearised, new: Linearised) -> Statistics:
     """Return the expected statistics of a new log, in the columns of `seen`; 0 for candidates that it does not show."""
-    columns = np.concatenate([seen.columns[seen.candidates.index(candidate)] for candidate in new.candidates])
-    at = np.concatenate([columns, columns + len(seen.usual)])
-    of = np.concatenate([*new.columns, *(columns + len(new.usual) for columns in new.columns)])
+    at, of = (
+        np.concatenate([log.columns[candidate] + part for part in (0, len(log.usual)) for candidate in new.candidates])
+        for log in (seen, new)
+    )
     information = np.zeros_like(seen.logs[0].information)
     information[np.ix_(at, at)] = new.logs[0].information[np.ix_(of, of)]
     return Statistics(information, np.zeros(len(information)))

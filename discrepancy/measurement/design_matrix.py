@@ -1,6 +1,6 @@
 """Design matrix of one log about a state: columns of candidates and of creep."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, astuple, dataclass
 
 import numpy as np
@@ -18,6 +18,7 @@ from estimators.likelihood.log_likelihood import ExtraColumns, LogLikelihood, No
 from estimators.likelihood.reduction import Reduced
 from estimators.likelihood.rolling import Changes
 from estimators.likelihood.sparse_columns import SparseColumns
+from estimators.likelihood.statistics import least_squares
 
 PROBES = 16
 """Draws of residuals by which noise is estimated. Four leave it 10 to 25 % off where few poses determine it (slip of a
@@ -118,10 +119,14 @@ class DesignMatrix:
         return found, of_mount
 
 
-def columns_of(candidates: Sequence[Candidate]) -> tuple[NDArray[np.intp], ...]:
-    """Return the column numbers of each of several candidates in sequence."""
-    ends = np.cumsum([candidate.columns for candidate in candidates])
-    return tuple(np.arange(end - candidate.columns, end) for candidate, end in zip(candidates, ends, strict=True))
+def columns_of(candidates: Iterable[Candidate]) -> dict[Candidate, NDArray[np.intp]]:
+    """Return the column numbers of each of several candidates in sequence; one that comes again has the same."""
+    columns: dict[Candidate, NDArray[np.intp]] = {}
+    end = 0
+    for candidate in dict.fromkeys(candidates):
+        columns[candidate] = np.arange(end, end + candidate.columns)
+        end += candidate.columns
+    return columns
 
 
 def numbers_of(candidates: Sequence[Candidate], columns: Mapping[Candidate, NDArray[np.intp]]) -> NDArray[np.intp]:
@@ -157,12 +162,11 @@ class SharedNuisances:
 
 def joint(
     reductions: Sequence[tuple[Sequence[Candidate], Reduced]],
-) -> tuple[tuple[Candidate, ...], Array, Array, list[NDArray[np.intp]]]:
-    """Return all candidates of several logs, and the joint information and gradient of their amplitudes, then of the
-    numbers that all logs share; and the places of each log's numbers among these."""
-    candidates = tuple(dict.fromkeys(candidate for log_candidates, _ in reductions for candidate in log_candidates))
-    columns = dict(zip(candidates, columns_of(candidates), strict=True))
-    count = sum(candidate.columns for candidate in candidates)
+) -> tuple[int, Array, Array, list[NDArray[np.intp]]]:
+    """Return the number of amplitudes of all candidates of several logs, and the joint information and gradient of
+    these, then of the numbers that all logs share; and the places of each log's numbers among these."""
+    columns = columns_of(candidate for log_candidates, _ in reductions for candidate in log_candidates)
+    count = sum(map(len, columns.values()))
     size = count + len(reductions[0][1].information) - sum(candidate.columns for candidate in reductions[0][0])
     information, gradient = np.zeros((size, size)), np.zeros((size, reductions[0][1].gradient.shape[1]))
     numbers = []
@@ -171,7 +175,7 @@ def joint(
         information[np.ix_(at, at)] += reduced.information
         gradient[at] += reduced.gradient
         numbers.append(at)
-    return candidates, information, gradient, numbers
+    return count, information, gradient, numbers
 
 
 def schur_complement(information: Array, gradient: Array, n: int) -> tuple[Array, Array]:
@@ -189,12 +193,10 @@ def reestimated_noise(
     for _ in range(NOISE_ROUNDS):
         reductions = [log.reduce(shared.mount, found, chosen, PROBES) for log in logs]
         log_candidates = [[candidate for candidate in log.candidates if candidate in chosen] for log in logs]
-        candidates, information, gradient, numbers = joint(list(zip(log_candidates, reductions, strict=True)))
-        first = sum(candidate.columns for candidate in candidates)
-        shared.add_priors(information, gradient, first)
+        count, information, gradient, numbers = joint(list(zip(log_candidates, reductions, strict=True)))
+        shared.add_priors(information, gradient, count)
         scale = np.sqrt(np.maximum(np.diag(information), 1e-30))
-        best, *_ = np.linalg.lstsq(information / np.outer(scale, scale), gradient / scale[:, None], rcond=1e-9)
-        moved: Array = (-best / scale[:, None]).astype(np.float64)
+        moved = -least_squares(information / np.outer(scale, scale), gradient / scale[:, None]) / scale[:, None]
         left = [reduced.finish(moved[at])[2] for reduced, at in zip(reductions, numbers, strict=True)]
         del reductions  # 6 KB a sample, which the next round would hold twice
         last, found = found, resized(found, left)

@@ -2,7 +2,7 @@
 use."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple, Protocol, Self
 
@@ -69,8 +69,8 @@ class Seen(Protocol):
         ...
 
     @property
-    def columns(self) -> tuple[NDArray[np.intp], ...]:
-        """The columns of each candidate, among C."""
+    def columns(self) -> Mapping[Any, NDArray[np.intp]]:
+        """The columns of each of these candidates, among C."""
         ...
 
     @property
@@ -127,9 +127,9 @@ class Seen(Protocol):
 
 
 class Place(NamedTuple):
-    """The candidate that a hypothesis is about, by its number, and the part of it that wheel creep masks."""
+    """The candidate that a hypothesis is about, and the part of it that wheel creep masks."""
 
-    candidate: int
+    candidate: Cause
     masked: float
 
 
@@ -249,14 +249,13 @@ def answers_of(
 
     in_model (m,): sizes in the model. Of effects that are the same on this vehicle, that in the model gives the name.
     """
-    modelled = [bool(np.any(in_model[columns])) for columns in seen.columns]
-    likeliest = [_likeliest(seen, posterior, component, places, modelled) for component in posterior.components]
+    modelled = {cause for cause, columns in seen.columns.items() if np.any(in_model[columns])}
+    likeliest = [_likeliest(posterior, component, places, modelled) for component in posterior.components]
     answers: dict[Cause, Answer] = {}
     for component, best in zip(posterior.components, likeliest, strict=True):
         if best is None:
             continue
-        candidate = places[best].candidate
-        cause, credible = seen.candidates[candidate], posterior.credible_set(component)
+        cause, credible = places[best].candidate, posterior.credible_set(component)
         if cause in answers:  # of all components of one candidate, whose sizes are one
             explained = answers[cause].explained + component.square
             answers[cause] = dataclasses.replace(answers[cause], explained=explained)
@@ -264,13 +263,11 @@ def answers_of(
         others = [
             other
             for other, k in zip(posterior.components, likeliest, strict=True)
-            if k is None or places[k].candidate != candidate
+            if k is None or places[k].candidate != cause
         ]
         members = [k for k, hypothesis in enumerate(single.hypotheses) if hypothesis.name in credible]
-        families = [
-            seen.candidates[places[k].candidate].family for k in members if single.hypotheses[k].name == credible[0]
-        ]
-        same_candidate = [k for k in members if places[k].candidate == candidate]
+        families = [places[k].candidate.family for k in members if single.hypotheses[k].name == credible[0]]
+        same_candidate = [k for k in members if places[k].candidate == cause]
         weight = component.probability[same_candidate] / component.probability[same_candidate].sum()
         mean, covariance = mixed(weight, [single.sizes(score, k, others) for k in same_candidate])
         called = {credible[0]: cause.family} if credible[0] in families else {}
@@ -284,30 +281,30 @@ def answers_of(
             absent=component.nothing,
             credible=tuple(called.get(name, name) for name in credible),
             alike=tuple(dict.fromkeys(name for name in families if called and name != cause.family)),
-            unnamed=any(not seen.candidates[places[k].candidate].kinds for k in members),
+            unnamed=any(not places[k].candidate.kinds for k in members),
             candidate=cause,
             amplitudes=mean,
             covariance=covariance,
             masked=float(weight @ [places[k].masked for k in same_candidate]),
             explained=component.square,
-            cost=np.max(seen.cost[:, seen.columns[candidate]], axis=1),
+            cost=np.max(seen.cost[:, seen.columns[cause]], axis=1),
         )
     return list(answers.values())
 
 
 def _likeliest(
-    seen: Seen, posterior: Posterior, component: Component, places: Sequence[Place], modelled: Sequence[bool]
+    posterior: Posterior, component: Component, places: Sequence[Place], modelled: Collection[Cause]
 ) -> int | None:
-    """Return the likeliest hypothesis of a component, of those that are the same on this vehicle preferably one in the
-    model; None if its likeliest value is "nothing"."""
+    """Return the likeliest hypothesis of a component, of those that are the same on this vehicle preferably one of a
+    candidate in the model (`modelled`); None if its likeliest value is "nothing"."""
     credible = posterior.credible_set(component)
     if not credible:
         return None
     return max(
         (k for k, hypothesis in enumerate(posterior.hypotheses) if hypothesis.name == credible[0]),
         key=lambda k: (
-            modelled[places[k].candidate],
-            seen.candidates[places[k].candidate].family == credible[0],  # which gave the name to all that are alike
+            places[k].candidate in modelled,
+            places[k].candidate.family == credible[0],  # which gave the name to all that are alike
             component.probability[k],
         ),
     )

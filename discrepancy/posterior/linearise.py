@@ -8,6 +8,7 @@ does not show.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +32,7 @@ from discrepancy.measurement.design_matrix import (
 from discrepancy.measurement.fit_states import fit_states
 from discrepancy.measurement.servo_work import Pull, pull_of
 from discrepancy.posterior.random_effects import Statistics
-from discrepancy.validation.cost import WAY, cost_of_sizes
+from discrepancy.validation.cost import WAY, cost_of_sizes, gap_of
 from estimators.calibration.maximum_likelihood.fit import State
 from estimators.calibration.maximum_likelihood.tracker import MOUNT
 from estimators.likelihood.channels import Channels
@@ -60,7 +61,7 @@ SWAY = 2e-4
 
 @dataclass(frozen=True, eq=False)
 class Linearised:
-    """Candidates with the columns of each among C, and for each log information and score of 2C sizes: the amplitudes
+    """The columns of each candidate among C, and for each log information and score of 2C sizes: the amplitudes
     beyond the robot's effects, then the masked amount of each.
 
     usual (C,): size of unnamed alternatives in logs of a robot in good order, of the gyro's scale as its file
@@ -73,8 +74,7 @@ class Linearised:
     of effects on the robot's dimensions, which add up over a log. pulls: what commands say, in each log. designs,
     disagreements: of each log; empty after `without_designs`."""
 
-    candidates: tuple[Candidate, ...]
-    columns: tuple[NDArray[np.intp], ...]
+    columns: Mapping[Any, NDArray[np.intp]]
     logs: tuple[Statistics, ...]
     usual: Array
     cost: Array
@@ -91,6 +91,11 @@ class Linearised:
     lasting: NDArray[np.intp]
 
     @property
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The causes that were considered."""
+        return tuple(self.columns)
+
+    @property
     def redundant(self) -> bool:
         """Whether encoders can contradict each other."""
         return any(design.redundant for design in self.designs)
@@ -105,10 +110,7 @@ class Linearised:
     @property
     def gap(self) -> tuple[float, float] | None:
         """Gap between odometry and reference, m and rad; None for logs without a reference."""
-        off = np.concatenate(self.errors)
-        if not len(off):
-            return None
-        return float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(off[:, 2] ** 2)))
+        return gap_of(self.errors)
 
     def cost_of_slips(self, slips: Sequence[Array]) -> Array:
         """Return the odometry error (2,) that slips (K - 1, rows, draws) of each log cause, rms over draws: m after 10
@@ -145,10 +147,9 @@ class Linearised:
 
     def at_noise(self, noise: Noise) -> "Linearised":
         """Return the statistics at a given noise: in each log 0 of candidates without a column in it."""
-        place, count = dict(zip(self.candidates, self.columns, strict=True)), len(self.usual)
-        logs, log_evidence = [], 0.0
+        count, logs, log_evidence = len(self.usual), [], 0.0
         for design, disagreement, pull in zip(self.designs, self.disagreements, self.pulls, strict=True):
-            indices = numbers_of(design.candidates, place)
+            indices = numbers_of(design.candidates, self.columns)
             statistics, log_likelihood = _of_sizes(design, disagreement.statistics(), pull, self.shared, noise)
             at = np.append(indices, indices + count)
             information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
@@ -203,14 +204,12 @@ def linearise(
             models, logs, at.states, at.clocks, _rates(robot, models, at, own_clocks), slips, names, strict=True
         )
     ]
-    candidates = tuple(dict.fromkeys(candidate for design in designs for candidate in design.candidates))
-    columns = columns_of(candidates)
-    place = dict(zip(candidates, columns, strict=True))
-    count = sum(candidate.columns for candidate in candidates)
-    usual, costs, disagreements, pulls, errors = _usual(designs, place, count), [], [], [], []
+    columns = columns_of(candidate for design in designs for candidate in design.candidates)
+    count = sum(map(len, columns.values()))
+    usual, costs, disagreements, pulls, errors = _usual(designs, columns, count), [], [], [], []
     for design, log, slipping, slipped, steps in zip(designs, logs, slips, predicted, released, strict=True):
         model, state, clock, changes = design.model, design.state, design.clock, design.changes
-        indices = numbers_of(design.candidates, place)
+        indices = numbers_of(design.candidates, columns)
         of_readings = indices[len(design.steps) :]
         usual[of_readings[design.sways != 0]] = SWAY
         if robot.gyro is not None:
@@ -218,7 +217,7 @@ def linearise(
         for candidate in design.candidates:
             if candidate.kinds and isinstance(backlash := candidate.kinds[0], PivotBacklash):
                 one_count = 2 * np.pi / geometry.pivot_counts_per_rev[backlash.castor - 1]
-                usual[place[candidate]] = np.hypot(backlash.tolerance, one_count * ROUNDED)
+                usual[columns[candidate]] = np.hypot(backlash.tolerance, one_count * ROUNDED)
         cost = np.zeros((2, count))
         cost[:, indices] = cost_of_sizes((model.missing(changes, of) for of in blocks(len(state) - 1)), state[:, :3])
         cost[:, of_readings] += np.outer((WAY, 2 * np.pi), np.abs(design.rates))
@@ -231,7 +230,6 @@ def linearise(
         errors.append(model.errors(geometry, clock, at.mount, slipped) if model.poses else np.zeros((0, 3)))
     built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
     return Linearised(
-        candidates=candidates,
         columns=columns,
         logs=(),
         usual=usual,
@@ -246,7 +244,7 @@ def linearise(
         disagreements=tuple(disagreements),
         pulls=tuple(pulls),
         slips=beyond,
-        lasting=np.sort(np.array([place[candidate][0] for candidate in built], dtype=np.intp)),
+        lasting=np.sort(np.array([columns[candidate][0] for candidate in built], dtype=np.intp)),
     ).at_noise(noise)
 
 

@@ -60,7 +60,7 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     among = [candidate for candidate in candidates_of(robot) if candidate.columns == 1]
     seen = linearise(robot, logs, among=among)
     information = summed(seen.logs).information
-    single = [(candidate, int(columns[0])) for candidate, columns in zip(seen.candidates, seen.columns, strict=True)]
+    single = [(candidate, int(seen.columns[candidate][0])) for candidate in seen.candidates]
     shown = [
         (candidate, k) for candidate, k in single if information[k, k] * candidate.kinds[0].tolerance ** 2 > UNSEEN
     ]
@@ -82,7 +82,7 @@ def alike(information: Array, first: int, second: int) -> bool:
 def tolerances(seen: Seen) -> Array:
     """Return the standard deviations of C sizes in robots in good order: as the robot file states them, or usually."""
     tolerance = seen.usual.copy()
-    for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
+    for candidate, columns in seen.columns.items():
         if candidate.kinds:
             stated = tolerance[columns]
             tolerance[columns] = np.where(stated > 0, stated, candidate.kinds[0].tolerance)
@@ -103,10 +103,10 @@ def order_of(seen: Seen, clean: Seen | None) -> GoodOrder:
     own = np.diag(stated.scatter) / _usual(seen) ** 2
     scatter = np.diag([of_class.get(alike, own[k]) for k, alike in enumerate(_classes(seen))] * _usual(seen) ** 2)
     of_seen, of_clean = [], []
-    for candidate, columns in zip(seen.candidates, seen.columns, strict=True):
-        if candidate in clean.candidates and not candidate.when:
+    for candidate, columns in seen.columns.items():
+        if candidate in clean.columns and not candidate.when:
             of_seen += columns.tolist()
-            of_clean += clean.columns[clean.candidates.index(candidate)].tolist()
+            of_clean += clean.columns[candidate].tolist()
     at, of = (
         np.array([k + part * len(source.usual) for part in range(len(factors)) for k in columns], dtype=np.intp)
         for source, columns in ((seen, of_seen), (clean, of_clean))
@@ -175,14 +175,14 @@ def hypotheses_of(
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)
     steps = sum(len(state) - 1 for state in seen.state.states)
     hypotheses, places = [], []
-    for k, (candidate, columns) in enumerate(zip(seen.candidates, seen.columns, strict=True)):
+    for k, (candidate, columns) in enumerate(seen.columns.items()):
         if candidate.family in unseen:
             continue
         hides = bool(candidate.kinds) and bool(np.any(strength[columns + count] > 1e-9 * strength[columns]))
         parts = (parts_about_fitted(seen) if candidate in in_model else PARTS).tolist() if hides else [0.0]
         share = 1 / families.count(families[k]) / len(parts) / (steps if candidate.searched_over_steps else 1)
-        hypotheses += [hypothesis_of(seen, Place(k, part), names[k], share, scale, width) for part in parts]
-        places += [Place(k, part) for part in parts]
+        hypotheses += [hypothesis_of(seen, Place(candidate, part), names[k], share, scale, width) for part in parts]
+        places += [Place(candidate, part) for part in parts]
     return hypotheses, places
 
 
@@ -197,7 +197,7 @@ def hypothesis_of(seen: Seen, place: Place, name: str, share: float, scale: Arra
 
     scale (C,): of a fault of each size. width (m) of the vehicle: no length of it is wrong by more.
     """
-    candidate, columns = seen.candidates[place.candidate], seen.columns[place.candidate]
+    candidate, columns = place.candidate, seen.columns[place.candidate]
     lower, upper = bounds_of(candidate.kinds[0]) if candidate.kinds else (-np.inf, np.inf)
     if candidate.kinds and candidate.kinds[0].unit == "m":
         lower, upper = max(lower, -width), min(upper, width)
@@ -218,7 +218,7 @@ def directions_in_model(seen: Seen, candidates: Iterable[Cause], masked: float |
     """Return the change of b (m, columns) per unit of the amplitudes of candidates in the model: creep masks a part of
     each, None: as much as these logs show."""
     part = seen.masked if masked is None else masked
-    directions = [direction_of(seen, Place(seen.candidates.index(candidate), part)) for candidate in candidates]
+    directions = [direction_of(seen, Place(candidate, part)) for candidate in candidates]
     return np.concatenate([np.zeros((len(seen.logs[0].score), 0)), *directions], axis=1)
 
 

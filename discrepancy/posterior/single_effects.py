@@ -16,6 +16,7 @@ from scipy.special import log_ndtr
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.posterior.calibrated import CREDIBLE, MOST, NOTHING
+from estimators.likelihood.statistics import least_squares, pseudo_inverse
 
 SCALES = 2.0 ** np.arange(-1, 11)
 LOG_WEIGHTS: Array = -np.log(SCALES) - SCALES**-2 / 2
@@ -206,7 +207,7 @@ class SingleEffects:
         if there:
             free = np.concatenate([self._free(component) for component in there])
             by_free = free @ self.information
-            solve = np.linalg.pinv(by_free @ free.T, rcond=1e-9, hermitian=True)
+            solve = pseudo_inverse(by_free @ free.T)
             crossed = self._rays @ by_free.T
             slope = slope - (crossed @ (solve @ (free @ score))).reshape(slope.shape)
             seen = seen - self._blocks(crossed @ solve, crossed)
@@ -275,7 +276,7 @@ class SingleEffects:
     def _pair(self, score: Array, first: int, second: int) -> tuple[Component, Component]:
         """Return components that are these two hypotheses with certainty, with maximum-likelihood sizes."""
         rays = self._rays[[self._most_sizes * first, self._most_sizes * second]]
-        sizes = np.linalg.lstsq(rays @ self.information @ rays.T, rays @ score, rcond=None)[0]
+        sizes = least_squares(rays @ self.information @ rays.T, rays @ score)
         pair = []
         for k, ray, size in zip((first, second), rays, sizes.tolist(), strict=True):
             surely = np.zeros(len(self.hypotheses))

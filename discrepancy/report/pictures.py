@@ -22,6 +22,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.rendering.drawing.palette import AXES, ESTIMATE, FADED, GRID, INK, TRUTH, WHITE, Color
 from discrepancy.report.parts import MILLI, PERCENT
 from discrepancy.report.traces import Errors, Traces
+from discrepancy.validation.cost import gap_of
 from discrepancy.validation.replay import Replay
 
 Shown = TypeVar("Shown", Traces, Replay)
@@ -94,7 +95,8 @@ def drift(groups: Mapping[str, tuple[Sequence[Errors], Sequence[Errors]]]) -> Pi
     seen = {title: pair for title, pair in groups.items() if any(len(errors.off) for errors in pair[0])}
     if not seen:
         return None
-    rms = {title: [f"{_rms_mm(errors):.2f} mm" for errors in pair if errors] for title, pair in seen.items()}
+    gaps = {title: [gap_of(log.off for log in errors) for errors in pair] for title, pair in seen.items()}
+    rms = {title: [f"{MILLI * gap[0]:.2f} mm" for gap in pair if gap] for title, pair in gaps.items()}
     with _drawing(3.8) as figure:
         grid = figure.subplots(2, len(seen), squeeze=False, sharex="col", sharey="row")
         for (title, pair), (position, heading) in zip(seen.items(), grid.T, strict=True):
@@ -280,11 +282,6 @@ def _both(before: Shown, after: Shown | None) -> list[tuple[Shown, str, str]]:
 
 def _also(after: object) -> str:
     return " as described" if after is None else " as described and with robot.json"
-
-
-def _rms_mm(errors: Sequence[Errors]) -> float:
-    off = np.concatenate([log.off for log in errors])
-    return MILLI * float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1))))
 
 
 def _short(text: str) -> str:

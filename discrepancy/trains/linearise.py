@@ -1,10 +1,11 @@
 """Information and score of every candidate in each log of a train, linearised about its motion, nuisances integrated
 out."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +19,7 @@ from discrepancy.posterior.calibrated import FREEDOM
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.trains.candidates import Candidate
-from discrepancy.validation.cost import cost_of_sizes
+from discrepancy.validation.cost import cost_of_sizes, gap_of
 from estimators.likelihood.trains.motion import Motion, Sizes
 from estimators.likelihood.trains.rows import TrainLog
 from estimators.likelihood.trains.states import PROBES, Equations, FittedStates, fit_states
@@ -47,7 +48,7 @@ class Linearised:
 
     train: TrainDescription
     train_logs: tuple[TrainLog, ...]
-    candidates: tuple[Candidate, ...]
+    columns: Mapping[Any, NDArray[np.intp]]
     logs: tuple[Statistics, ...]
     cost: Array
     fit: FittedStates
@@ -62,9 +63,9 @@ class Linearised:
         return self.fit.sizes
 
     @property
-    def columns(self) -> tuple[NDArray[np.intp], ...]:
-        """The sizes of each candidate, by their numbers."""
-        return tuple(np.array([k], dtype=np.intp) for k in range(len(self.candidates)))
+    def candidates(self) -> tuple[Candidate, ...]:
+        """The causes that were considered."""
+        return tuple(self.columns)
 
     @property
     def usual(self) -> Array:
@@ -89,7 +90,7 @@ class Linearised:
 
     @cached_property
     def _gap(self) -> tuple[float, float] | None:
-        built, poses = self.train.as_built(), [np.zeros((0, 3))]
+        built, poses = self.train.as_built(), list[Array]()
         try:
             counts = [log.without_reference() for log in self.train_logs]
             blind = fit_states(self.train, counts, self.fit, self.localised or self.fit.sizes)
@@ -99,8 +100,7 @@ class Linearised:
             if len(log.at):
                 left = log.residuals(built, replace(motion, pose=_carried(by_counts.pose, motion, log.t)))
                 poses.append(np.concatenate([left["position"], left["heading"][..., None]], axis=-1).reshape(-1, 3))
-        pose = np.concatenate(poses)
-        return (_rms(pose[:, :2]), _rms(pose[:, 2:])) if len(pose) else None
+        return gap_of(poses)
 
     def long_run(self, effects: Sequence[Candidate]) -> Array:
         """Return by how much larger the variances of the sizes of effects in the model are (E,), at least 1, than with
@@ -168,7 +168,8 @@ def linearise(
         statistics.append(Statistics(*equations.eliminated(columns, prior, log.nuisances(motion))))
         costs.append(_cost(log, motion, equations, columns, prior))
     cost = np.sqrt(np.mean(np.square(costs), axis=0))
-    return Linearised(train, tuple(logs), tuple(among), tuple(statistics), cost, found, localised)
+    numbers = {candidate: np.array([k], dtype=np.intp) for k, candidate in enumerate(among)}
+    return Linearised(train, tuple(logs), numbers, tuple(statistics), cost, found, localised)
 
 
 def _columns(
@@ -220,11 +221,6 @@ def _carried(odometry: Array, motion: Motion, t: Array) -> Array:
     """Return poses (K, N, 3) by odometry (K, N, 3) alone, reset to the motion every `HORIZON`."""
     start = np.searchsorted(t, np.floor(t / HORIZON) * HORIZON - 1e-9)
     return compose(compose(motion.pose[start], inverse(odometry[start])), odometry)
-
-
-def _rms(values: Array) -> float:
-    """Return the rms of the lengths of rows (n, d)."""
-    return float(np.sqrt(np.mean(np.sum(values**2, axis=1))))
 
 
 def _cost(log: TrainLog, motion: Motion, equations: Equations, columns: Array, prior: Array) -> Array:

@@ -123,7 +123,7 @@ def hypotheses_of(seen: Linearised) -> tuple[list[Hypothesis], list[Place]]:
     which they were tried.
     """
     names = [candidate.family for candidate in seen.candidates]
-    places, scale = [Place(k, 0.0) for k in range(len(names))], FAULT * tolerances(seen)
+    places, scale = [Place(candidate, 0.0) for candidate in seen.candidates], FAULT * tolerances(seen)
     pairs = zip(places, names, strict=True)
     return [hypothesis_of(seen, place, name, 1 / names.count(name), scale) for place, name in pairs], places
 

@@ -52,6 +52,15 @@ def rms_of(parts: Iterable[Array]) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
 
 
+def gap_of(errors: Iterable[Array]) -> tuple[float, float] | None:
+    """Return the root mean square of errors (k, 3) of poses in position, m, and in heading, rad; None if there are
+    none."""
+    off = np.concatenate([np.zeros((0, 3)), *errors])
+    if not len(off):
+        return None
+    return float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(off[:, 2] ** 2)))
+
+
 def odometry(robot: RobotDescription, log: Log) -> Array:
     """Return the path (N, 3) by odometry with a robot's effects known: least squares over all encoders, sample by
     sample."""

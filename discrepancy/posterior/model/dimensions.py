@@ -27,6 +27,7 @@ from discrepancy.posterior.random_effects import GoodOrder, agreeing
 from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES
 from discrepancy.posterior.verdicts import Material
 from estimators.calibration.maximum_likelihood.calibrate import calibrate
+from estimators.likelihood.statistics import least_squares, pseudo_inverse
 
 ROUNDS = 2
 """Rounds in which the states are fitted with the guess in the model: a third changes held-out gaps of measured robots
@@ -42,7 +43,7 @@ class Dimension:
 
     def matters(self, seen: Linearised, material: Material) -> bool:
         """Whether it costs what matters in use."""
-        columns = seen.columns[seen.candidates.index(self.sized.candidate)]
+        columns = seen.columns[self.sized.candidate]
         return bool(np.any(seen.cost[:, columns] @ np.abs(self.sized.amplitudes) > material))
 
 
@@ -52,7 +53,7 @@ def dimensions_of(robot: RobotDescription, seen: Linearised) -> list[Sized]:
     built = set(seen.lasting.tolist())
     return [
         Sized(candidate, np.zeros(len(columns)))
-        for candidate, columns in zip(seen.candidates, seen.columns, strict=True)
+        for candidate, columns in seen.columns.items()
         if columns[0] in built and candidate.family not in stands and candidate.family not in unseen
     ]
 
@@ -75,7 +76,7 @@ def most_likely(robot: RobotDescription, logs: Sequence[Log], seen: Linearised) 
     kinds = [effect.candidate.kinds[0] for effect in effects]
     changes = [(_numbers(robot.with_effects(kind)) - described) / kind.value for kind in kinds]
     change = np.reshape(changes, (len(effects), len(described))).T * unit
-    sizes = unit * np.linalg.lstsq(change, _numbers(found) - described, rcond=1e-9)[0]
+    sizes = unit * least_squares(change, _numbers(found) - described)
     return tuple(effect.moved(np.array([size])) for effect, size in zip(effects, sizes.tolist(), strict=True) if size)
 
 
@@ -112,10 +113,10 @@ def _together(
     sizes = np.concatenate([effect.amplitudes for effect in effects])
     logs = agreeing([log.at(-directions @ sizes) for log in seen.logs], seen.lasting)
     information, score = order.beyond(logs).of_combinations(directions)
-    columns = [seen.columns[seen.candidates.index(effect.candidate)] for effect in effects[:count]]
+    columns = [seen.columns[effect.candidate] for effect in effects[:count]]
     scale = FAULT * tolerances(seen)[np.concatenate([np.zeros(0, dtype=np.intp), *columns])]
     k = len(scale)
-    of_others = np.linalg.pinv(information[k:, k:], rcond=1e-9, hermitian=True)
+    of_others = pseudo_inverse(information[k:, k:])
     follows = of_others @ information[k:, :k]  # how much the others shrink as a dimension grows
     apart = information[:k, :k] - information[:k, k:] @ follows, score[:k] - follows.T @ score[k:]
     mean, covariance = shared_cauchy(*apart, scale)

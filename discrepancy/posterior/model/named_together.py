@@ -30,6 +30,7 @@ from discrepancy.posterior.model.refit import (
 from discrepancy.posterior.priors import directions_in_model, parts_about_fitted
 from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
+from estimators.likelihood.statistics import least_squares, pseudo_inverse
 
 MOST_SEARCHES = 6
 """Most rounds in which the posterior of all candidates is computed beside the effects named before, and most times
@@ -170,7 +171,7 @@ def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> A
         candidate=effect.candidate,
         amplitudes=effect.amplitudes,
         covariance=_covariance(effect, seen),
-        cost=np.max(seen.cost[:, seen.columns[seen.candidates.index(effect.candidate)]], axis=1),
+        cost=np.max(seen.cost[:, seen.columns[effect.candidate]], axis=1),
         masked=seen.masked,
         explained=2 * gain,
     )
@@ -185,7 +186,7 @@ def _covariance(effect: Sized, seen: Seen) -> Array:
     for part in parts_about_fitted(seen).tolist():
         direction = directions_in_model(seen, [effect.candidate], part)
         information, of_effect = direction.T @ logs.information @ direction + prior, direction.T @ score
-        covariance = np.linalg.pinv(information, rcond=1e-9, hermitian=True).astype(np.float64)
+        covariance = pseudo_inverse(information)
         sizes.append((covariance @ of_effect, covariance))
         log_weight.append(float(of_effect @ covariance @ of_effect - np.linalg.slogdet(information)[1]) / 2)
     return mixed(softmax(log_weight), sizes)[1]
@@ -279,7 +280,7 @@ def by_formula(candidate: Cause, seen: Seen) -> tuple[Sized, float]:
     explains of the log-likelihood."""
     none = Sized(candidate, np.zeros(candidate.columns))
     statistics = statistics_of([none], seen)
-    effect = none.moved(np.asarray(np.linalg.lstsq(*statistics, rcond=1e-9)[0], dtype=np.float64))
+    effect = none.moved(least_squares(*statistics))
     return effect, statistics.gain(effect.amplitudes)
 
 
@@ -306,7 +307,7 @@ def asked(
     places: the candidate of each hypothesis. order: what robots in good order show. in_model: sizes in the model
     already. without: families of which there is no hypothesis.
     """
-    kept = [k for k, place in enumerate(places) if seen.candidates[place.candidate].family not in without]
+    kept = [k for k, place in enumerate(places) if place.candidate.family not in without]
     hypotheses, places = [hypotheses[k] for k in kept], [places[k] for k in kept]
     single, posterior, score = _posterior(hypotheses, order, seen, in_model)
     reestimated = seen.reestimate_noise(_likeliest(seen, posterior, places, in_model))
@@ -321,11 +322,11 @@ def asked(
 def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_model: Array) -> list[Cause]:
     """Return the likeliest candidate of the catalogue in each component that is of one in the model, and in the most
     certain of the others."""
-    named = np.array([bool(seen.candidates[place.candidate].kinds) for place in places])
+    named = np.array([bool(place.candidate.kinds) for place in places])
     best = (int(np.argmax(component.probability * named)) for component in posterior.components)
-    causes = list(dict.fromkeys(seen.candidates[places[k].candidate] for k in best))
-    fitted = {cause for cause, columns in zip(seen.candidates, seen.columns, strict=True) if np.any(in_model[columns])}
-    return [cause for cause in causes if cause in fitted] + [cause for cause in causes if cause not in fitted][:BESIDE]
+    causes = list(dict.fromkeys(places[k].candidate for k in best))
+    fitted = [cause for cause in causes if np.any(in_model[seen.columns[cause]])]
+    return fitted + [cause for cause in causes if cause not in fitted][:BESIDE]
 
 
 def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> Effects:

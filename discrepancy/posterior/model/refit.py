@@ -16,6 +16,7 @@ from discrepancy.posterior.answers import Cause, Seen, size_of
 from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE
 from discrepancy.posterior.priors import bounds_of, directions_in_model
 from discrepancy.posterior.random_effects import Statistics, summed
+from estimators.likelihood.statistics import least_squares, pseudo_inverse
 
 S = TypeVar("S", bound=Seen)
 
@@ -95,10 +96,8 @@ def families_of(effects: Sequence[Sized]) -> frozenset[str]:
 def in_place_of(effect: Sized, rival: Cause, seen: Seen) -> Sized:
     """Return a rival of the size with which its signature is the nearest to what logs show of an effect in the
     model."""
-    of_rival, statistics = directions_in_model(seen, [rival]), summed(seen.logs)
-    shown = of_rival.T @ (statistics.information @ sizes_of([effect], seen) + statistics.score)
-    size = np.linalg.lstsq(of_rival.T @ statistics.information @ of_rival, shown, rcond=1e-9)[0]
-    return Sized(rival, np.zeros(rival.columns)).moved(np.asarray(size, dtype=np.float64))
+    shown = summed(seen.logs).at(-sizes_of([effect], seen)).of_combinations(directions_in_model(seen, [rival]))
+    return Sized(rival, np.zeros(rival.columns)).moved(least_squares(*shown))
 
 
 def refitted(
@@ -150,14 +149,13 @@ def _newton(vehicle: Any, look: Look[S], current: Effects, seen: S, threshold: f
         if not current:
             break
         information, score = statistics_of(current, seen)
-        changes = np.linalg.lstsq(information, score, rcond=1e-9)[0]
-        errors = np.sqrt(np.diag(np.linalg.pinv(information, rcond=1e-9, hermitian=True))) + 1e-30
+        changes, errors = least_squares(information, score), np.sqrt(np.diag(pseudo_inverse(information))) + 1e-30
         gain = float(score @ changes)
         if np.all(np.abs(changes) < CONVERGED * errors) or (step > 0 and seen.log_evidence + gain < threshold):
             break
         ends = np.cumsum([effect.candidate.columns for effect in current])[:-1]
-        moves = [np.asarray(by, dtype=np.float64) for by in np.split(changes, ends)]
-        proposed = tuple(effect.moved(by) for effect, by in zip(current, moves, strict=True))
+        moves = zip(current, np.split(changes, ends), strict=True)
+        proposed = tuple(effect.moved(np.asarray(by)) for effect, by in moves)
         refine = bool(np.any(np.abs(changes) > errors)) and seen.log_evidence + gain >= threshold
         nearer = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen, HALVINGS if refine else 1)
         if nearer is None:

@@ -24,6 +24,7 @@ from discrepancy.posterior.priors import PARTS, direction_of
 from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.validation.cost import cost_of
 from estimators.likelihood.channels import Channels
+from estimators.likelihood.statistics import least_squares
 
 KNOTS = 12
 """Number of knots of a curve."""
@@ -80,8 +81,8 @@ def learned(
     if not terms:
         return None
     linearised = look(robot, list(terms))
-    statistics, causes = summed(linearised.logs), linearised.candidates
-    curves = [(cause, _curve(terms[cause], linearised, k, statistics)) for k, cause in enumerate(causes)]
+    statistics = summed(linearised.logs)
+    curves = [(cause, _curve(terms[cause], linearised, cause, statistics)) for cause in linearised.candidates]
     if not curves:
         return None
     candidate, (log_factor, values, errors) = max(curves, key=lambda curve: curve[1][0])
@@ -91,7 +92,7 @@ def learned(
     fitted = replace(term, values=tuple(values.tolist()))  # linearised again about the curve, as it may be large
     linearised = look(robot.with_effects(fitted), [candidate])  # which has no other columns
     statistics = summed(linearised.logs).at(-np.append(values, np.zeros(KNOTS)))
-    _, values, errors = _curve(term, linearised, 0, statistics)
+    _, values, errors = _curve(term, linearised, candidate, statistics)
     effect = replace(term, values=tuple(values.round(7).tolist()))
     return Learned(effect, tuple(errors.tolist()), log_odds, _nearest(robot, effect, look))
 
@@ -134,16 +135,18 @@ def _covariance(term: LearnedTerm) -> Array:
     return np.asarray(np.exp(-2 * (np.sin(apart / 2) / SMOOTH) ** 2))
 
 
-def _curve(term: LearnedTerm, seen: Linearised, k: int, statistics: Statistics) -> tuple[float, Array, Array]:
-    """Return the log Bayes factor of a curve, the candidate number k, against none, averaged over its size and masked
-    part; and mean and standard deviation of its values at the likeliest size and part.
+def _curve(
+    term: LearnedTerm, seen: Linearised, candidate: Candidate, statistics: Statistics
+) -> tuple[float, Array, Array]:
+    """Return the log Bayes factor of a candidate that is a curve against none, averaged over its size and masked part;
+    and mean and standard deviation of its values at the likeliest size and part.
 
     Both may be at another level: what is read too much by the same fraction throughout is a radius or a gain, which the
     catalogue has.
     """
     covariance, level, found = _covariance(term), np.full(2 * (len(term.knots),), LearnedTerm.tolerance**2), []
     for part in PARTS.tolist():
-        information, score = statistics.of_combinations(direction_of(seen, Place(k, part)))
+        information, score = statistics.of_combinations(direction_of(seen, Place(candidate, part)))
         without, *_ = _with_prior(level, information, score)
         for size in SIZES.tolist():
             log_evidence, mean, error = _with_prior(level + size**2 * covariance, information, score)
@@ -169,10 +172,10 @@ def _nearest(robot: RobotDescription, effect: LearnedTerm, look: Look) -> tuple[
     curve = Candidate(described(unit), (unit,))
     linearised = look(robot, [curve, *candidates_of(robot)])
     information, cosines = summed(linearised.logs).information, dict[str, float]()
-    k = int(linearised.columns[linearised.candidates.index(curve)][0])
-    for candidate, columns in zip(linearised.candidates, linearised.columns, strict=True):
+    k = int(linearised.columns[curve][0])
+    for candidate, columns in linearised.columns.items():
         within, across = information[np.ix_(columns, columns)], information[columns, k]
         if candidate != curve and np.all(np.diag(within) > 0):
-            likest = np.linalg.lstsq(within, across)[0]  # in size, and in phase where it has one
+            likest = least_squares(within, across)  # in size, and in phase where it has one
             cosines[candidate.what] = float(np.sqrt(across @ likest / information[k, k]))
     return max(cosines.items(), key=lambda entry: entry[1], default=None)

@@ -30,6 +30,7 @@ from discrepancy.posterior.model.refit import Effects, Sized, families_of, stati
 from discrepancy.posterior.priors import alike, bounds_of
 from discrepancy.posterior.random_effects import summed
 from estimators.likelihood.channels import Channels
+from estimators.likelihood.statistics import least_squares
 
 PARTS = np.arange(1, 21) / 20
 """Losses that are tried, as parts of the largest."""
@@ -133,7 +134,7 @@ def _is_radius(loss: Cause, robot: RobotDescription, look: Look, beside: Sequenc
     if seen is None or not {loss, *radii} <= set(seen.candidates):
         return False
     information = summed(seen.logs).information
-    at, *others = (int(seen.columns[seen.candidates.index(cause)][0]) for cause in (loss, *radii))
+    at, *others = (int(seen.columns[cause][0]) for cause in (loss, *radii))
     return any(alike(information, at, other) for other in others)
 
 
@@ -169,7 +170,7 @@ def _proposed(
         if k == left_out:
             change[at], free[at] = -effect.amplitudes, False
     left = score - information @ change
-    change[free] = np.linalg.lstsq(information[np.ix_(free, free)], left[free], rcond=1e-9)[0]
+    change[free] = least_squares(information[np.ix_(free, free)], left[free])
     moved = {k: effect.moved(change[at]) for (k, effect), at in zip(shown, each, strict=False)}
     kept = [moved.get(k, effect) for k, effect in enumerate(named) if k != left_out]
     return (*kept, loss.moved(change[-1:])), statistics.gain(change)

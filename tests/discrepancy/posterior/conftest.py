@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from discrepancy.measurement.design_matrix import columns_of
 from discrepancy.posterior.random_effects import Statistics
 
 
@@ -13,11 +14,10 @@ def statistics_of():
     """A function that returns the statistics of candidates at their most likely sizes."""
 
     def of(candidates, information, log_evidence):
-        ends = np.cumsum([candidate.columns for candidate in candidates], dtype=np.intp)
-        count = int(ends[-1]) if len(ends) else 0
+        count = sum(candidate.columns for candidate in candidates)
         return SimpleNamespace(
             candidates=tuple(candidates),
-            columns=tuple(np.split(np.arange(count), ends[:-1])) if count else (),
+            columns=columns_of(candidates),
             logs=(Statistics(information, np.zeros(count)),),
             usual=np.full(count, np.nan),
             redundant=True,

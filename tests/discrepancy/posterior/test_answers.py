@@ -18,7 +18,8 @@ class _Cause:
 
 
 CAUSES: Any = (_Cause("eccentric"), _Cause("late"))
-SEEN: Any = SimpleNamespace(candidates=CAUSES, columns=(np.array([0, 1]), np.array([2])), cost=np.ones((2, 3)))
+COLUMNS = dict(zip(CAUSES, (np.array([0, 1]), np.array([2])), strict=True))
+SEEN: Any = SimpleNamespace(candidates=CAUSES, columns=COLUMNS, cost=np.ones((2, 3)))
 
 
 @pytest.mark.parametrize("part", [1.0, 0.7])
@@ -31,7 +32,7 @@ def test_an_effect_that_two_components_share_has_the_size_of_both(part):
     eccentric, late = sorted(found.components[:2], key=lambda component: component.probability[1])
     shares = [dataclasses.replace(eccentric, mean=share * eccentric.mean) for share in (part, 1 - part) if share > 0]
     posterior = Posterior(tuple(named), (*shares, late), found.bound)
-    answers = answers_of(SEEN, single, posterior, score, [Place(0, 0.0), Place(1, 0.0)], np.zeros(3))
+    answers = answers_of(SEEN, single, posterior, score, [Place(cause, 0.0) for cause in CAUSES], np.zeros(3))
     assert [answer.credible for answer in answers] == [("eccentric",), ("late",)]
     assert np.concatenate([answer.amplitudes for answer in answers]) == pytest.approx(truth, rel=1e-5)
     covariance = np.linalg.inv(information)

@@ -24,8 +24,7 @@ def driven(seed, *effects):
 
 
 def column(seen):
-    k = [candidate.family for candidate in seen.candidates].index("clock_skew")
-    return int(seen.columns[k][0])
+    return next(int(columns[0]) for candidate, columns in seen.columns.items() if candidate.family == "clock_skew")
 
 
 def test_an_offset_is_no_rate():

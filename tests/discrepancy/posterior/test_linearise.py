@@ -32,7 +32,7 @@ def test_the_linear_cost_of_a_column_is_what_odometry_is_off_with_the_effect(nam
     log, linear = seen()
     candidate, columns = next(
         (candidate, columns)
-        for candidate, columns in zip(linear.candidates, linear.columns, strict=True)
+        for candidate, columns in linear.columns.items()
         if candidate.kinds and candidate.kinds[0].name == name
     )
     kind = candidate.kinds[0]
@@ -67,7 +67,7 @@ def test_usual_sizes_of_unnamed_alternatives_do_not_depend_on_the_order_of_logs(
     for logs in ([short, long], [long, short]):
         linear = linearise(robot, logs)
         sizes = linear.usual.tolist()
-        usual.append({c.what: sizes[k[0]] for c, k in zip(linear.candidates, linear.columns, strict=True)})
+        usual.append({c.what: sizes[k[0]] for c, k in linear.columns.items()})
     shared = [what for what in usual[0] if " of log " not in what and np.isfinite(usual[0][what])]
     assert any("drifts" in what for what in shared)
     for what in shared:
@@ -113,17 +113,16 @@ def test_no_length_is_wrong_by_more_than_the_robot_is_wide():
     """A castor 1 m out of place turns the robot as little as wheels that are too large by 1 % do, and cannot be."""
     linear = seen()[1]
     hypotheses, places = hypotheses_of(ROBOT, linear)
-    candidates = [linear.candidates[place.candidate] for place in places]
     limits = {
         candidate.kinds[0].name: (hypothesis.least, hypothesis.most)
-        for candidate, hypothesis in zip(candidates, hypotheses, strict=True)
+        for (candidate, _), hypothesis in zip(places, hypotheses, strict=True)
         if candidate.kinds and candidate.columns == 1
     }
     reach = max(np.hypot(*castor.pivot) + castor.offset + castor.wheels[0].lateral for castor in ROBOT.castors)
     for name in ("pivot_position_x", "pivot_position_y", "pivot_offset"):
         assert -2.5 * reach < limits[name][0] < -reach
         assert reach < limits[name][1] < 2.5 * reach
-    assert limits["wheel_radius"] == bounds_of(next(c.kinds[0] for c in candidates if c.family == "wheel_radius 1 1"))
+    assert limits["wheel_radius"] == bounds_of(next(c.kinds[0] for c, _ in places if c.family == "wheel_radius 1 1"))
 
 
 @pytest.mark.parametrize(

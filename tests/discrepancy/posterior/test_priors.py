@@ -1,16 +1,15 @@
 """What robots in good order show, by the class of effects."""
 
-import itertools
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.presets import any_preset, preset
 from discrepancy.hypotheses.candidates import Candidate, candidates_of
+from discrepancy.measurement.design_matrix import columns_of
 from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.priors import order_of, tolerances
 from discrepancy.posterior.random_effects import Statistics
@@ -26,27 +25,24 @@ class Shown:
 
     candidates: tuple[Cause, ...]
     logs: tuple[Statistics, ...]
-    columns: tuple[NDArray[np.intp], ...]
+    columns: Any
     usual: Array
     lasting = np.zeros(0, dtype=int)
     redundant = True
 
     @classmethod
     def of(cls, candidates, seed, logs=40) -> Any:
-        ends = np.cumsum([0, *(candidate.columns for candidate in candidates)])
-        columns = tuple(np.arange(*span) for span in itertools.pairwise(ends))
-        shown: Any = cls(tuple(candidates), (), columns, np.ones(ends[-1]))
+        count = sum(candidate.columns for candidate in candidates)
+        shown: Any = cls(tuple(candidates), (), columns_of(candidates), np.ones(count))
         shown.usual = tolerances(shown)
         random, information = np.random.default_rng(seed), np.diag(SEEN / shown.usual**2)
-        sizes = [SCATTER * shown.usual * random.normal(size=ends[-1]) for _ in range(logs)]
+        sizes = [SCATTER * shown.usual * random.normal(size=count) for _ in range(logs)]
         shown.logs = tuple(Statistics(information, information @ size) for size in sizes)
         return shown
 
     def parts(self, order, *, which):
         """The scatter of the sizes of some candidates, by their tolerances."""
-        columns = np.concatenate(
-            [at for candidate, at in zip(self.candidates, self.columns, strict=True) if which(candidate)]
-        )
+        columns = np.concatenate([at for candidate, at in self.columns.items() if which(candidate)])
         return np.sqrt(np.diag(order.scatter))[columns] / self.usual[columns]
 
 
@@ -88,7 +84,7 @@ def test_what_happens_at_a_time_scatters_alike_at_any_and_is_no_background_of_an
     alike, always = Candidate("wheel_2l jumps at 9.0 s", when=" at 9.0 s"), Candidate("wheel_1l drifts with time")
     clean, log = Shown.of([*spans, alike, always], 6), Shown.of([spans[0], always], 7)
     order = order_of(log, clean)
-    (of_span,), (of_drift,) = log.columns
+    (of_span,), (of_drift,) = log.columns.values()
     assert order.background[of_span] == 0.0
     assert order.background[of_drift] != 0.0
     parts = clean.parts(order_of(clean, clean), which=lambda candidate: candidate.what.startswith("wheel"))

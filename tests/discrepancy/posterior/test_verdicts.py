@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
+from castor_envs.effects.encoders import TickLoss
 from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS
@@ -15,13 +16,7 @@ from discrepancy.posterior.model.refit import Sized
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, judged, weakest
 
-CAUSE: Any = SimpleNamespace(
-    what="wheel radius",
-    family="wheel_radius 1 1",
-    kinds=(WheelRadius(castor=1, wheel=1, value=0.01),),
-    columns=1,
-    effect=lambda amplitudes: WheelRadius(castor=1, wheel=1, value=float(amplitudes[0])),
-)
+CAUSE = Candidate("wheel radius", (WheelRadius(castor=1, wheel=1, value=0.01),))
 ANSWER = Answer(
     probabilities={"wheel_radius 1 1": 1.0},
     credible=("wheel_radius 1 1",),
@@ -40,7 +35,7 @@ def seen(log_evidence, gap) -> Any:
     """Held-out logs that say 10 ± 0.1 mm, by the formula."""
     said = Statistics(np.array([[1e8]]), np.array([0.0]))
     return SimpleNamespace(
-        candidates=(CAUSE,), columns=(np.array([0]),), logs=(said,), usual=np.array([np.nan]),
+        candidates=(CAUSE,), columns={CAUSE: np.array([0])}, logs=(said,), usual=np.array([np.nan]),
         lasting=np.zeros(0, dtype=np.intp), redundant=True, masked=1.0, cost=np.ones((2, 1)),
         log_evidence=log_evidence, gap=gap,
     )  # fmt: skip
@@ -238,7 +233,7 @@ def test_a_name_is_certain_to_the_probability_of_a_credible_set(probability, exp
 
 def test_an_effect_of_which_held_out_logs_hold_nothing_is_no_obstacle():
     """As counts lost at a speed that these never reach."""
-    elsewhere: Any = SimpleNamespace(**(vars(CAUSE) | {"family": "tick_loss 1 1 forward"}))
+    elsewhere = Candidate("loss of counts", (TickLoss(castor=1, wheel=1, value=0.1, above=5.0),))
     named = [Sized(CAUSE, ANSWER.amplitudes), Sized(elsewhere, np.array([0.1]))]
     answers = [ANSWER, dataclasses.replace(ANSWER, candidate=elsewhere)]
     confirmed, unseen = judged(answers, named, (seen(0.0, None), seen(10.0, None)), ORDER, MATERIAL)
