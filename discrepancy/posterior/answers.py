@@ -59,71 +59,45 @@ class Cause(Protocol):
         ...
 
 
-class Seen(Protocol):
-    """The statistics of candidates in logs of a robot or a train: see `linearise.Linearised` and
-    `trains.linearise.Linearised`."""
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """The statistics of candidates in logs of a robot or a train.
+
+    columns: of each candidate, among C. logs: information and score of each log, of C sizes beyond the vehicle's
+    effects, and of the masked amount of each where wheel creep may mask effects (2C sizes). usual (C,): size of unnamed
+    alternatives in logs of a vehicle in good order; NaN for effects of the catalogue. cost (2, C): odometry error that
+    a unit of each size causes in use: m after 10 m, rad after a turn. log_evidence: log-likelihood of the logs (natural
+    logarithm, up to a constant of the logs) with all sizes 0 and the nuisances integrated out; log_evidence_of_motion:
+    without how far wheels disagree. redundant: whether encoders can contradict each other; else an effect that is not
+    in the model passes for noise. masked: part of the effects in the model that wheel creep masks. lasting: columns of
+    effects that add up over a whole log, by which logs may agree better than their noise lets them; empty: none is
+    known to.
+    """
+
+    columns: Mapping[Any, NDArray[np.intp]]
+    logs: tuple[Statistics, ...]
+    usual: Array
+    cost: Array
+    log_evidence: float
+    log_evidence_of_motion: float
+    redundant: bool
+    masked: float
+    lasting: NDArray[np.intp]
 
     @property
-    def candidates(self) -> tuple[Cause, ...]:
+    def candidates(self) -> tuple[Any, ...]:
         """The causes that were considered."""
-        ...
-
-    @property
-    def columns(self) -> Mapping[Any, NDArray[np.intp]]:
-        """The columns of each of these candidates, among C."""
-        ...
-
-    @property
-    def logs(self) -> tuple[Statistics, ...]:
-        """Information and score of each log, of C sizes beyond the vehicle's effects, and of the masked amount of each
-        where wheel creep may mask effects (2C sizes)."""
-        ...
-
-    @property
-    def lasting(self) -> NDArray[np.intp]:
-        """Columns of effects that add up over a whole log, by which logs may agree better than their noise lets them;
-        empty: none is known to."""
-        ...
-
-    @property
-    def redundant(self) -> bool:
-        """Whether encoders can contradict each other. Else an effect that is not in the model passes for noise."""
-        ...
-
-    @property
-    def masked(self) -> float:
-        """The part of the effects in the model that wheel creep masks."""
-        ...
-
-    @property
-    def usual(self) -> Array:
-        """Size (C,) that unnamed alternatives have in logs of a vehicle in good order; NaN for effects of the
-        catalogue."""
-        ...
-
-    @property
-    def cost(self) -> Array:
-        """The odometry error that a unit of each size causes in use (2, C): m after 10 m, rad after a turn."""
-        ...
-
-    @property
-    def log_evidence(self) -> float:
-        """Log-likelihood of the logs (natural logarithm) with all sizes 0 and the nuisances integrated out."""
-        ...
-
-    @property
-    def log_evidence_of_motion(self) -> float:
-        """The log evidence without how far wheels disagree."""
-        ...
+        return tuple(self.columns)
 
     @property
     def gap(self) -> tuple[float, float] | None:
-        """Gap between odometry and reference, m and rad; None for logs without a reference."""
-        ...
+        """Gap between odometry and reference (rms), m and rad; None for logs without a reference."""
+        raise NotImplementedError
 
-    def reestimate_noise(self, effects: Sequence[Any], /) -> Self:
-        """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes."""
-        ...
+    def reestimate_noise(self, effects: Sequence[Any], /) -> Any:
+        """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes: those that
+        are not in the model would count as noise."""
+        raise NotImplementedError
 
 
 class Place(NamedTuple):

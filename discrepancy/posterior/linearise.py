@@ -8,7 +8,6 @@ does not show.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +30,7 @@ from discrepancy.measurement.design_matrix import (
 )
 from discrepancy.measurement.fit_states import fit_states
 from discrepancy.measurement.servo_work import Pull, pull_of
+from discrepancy.posterior.answers import Seen
 from discrepancy.posterior.random_effects import Statistics
 from discrepancy.validation.cost import WAY, cost_of_sizes, gap_of
 from estimators.calibration.maximum_likelihood.fit import State
@@ -60,56 +60,29 @@ SWAY = 2e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
-    """The columns of each candidate among C, and for each log information and score of 2C sizes: the amplitudes
-    beyond the robot's effects, then the masked amount of each.
+class Linearised(Seen):
+    """Statistics of a robot's logs, linearised about their most likely states.
 
-    usual (C,): size of unnamed alternatives in logs of a robot in good order, of the gyro's scale as its file
-    states it, and of backlashes as rounding makes them; NaN for other effects of the catalogue. cost (2, C):
-    odometry error per unit of each size on these drives (`cost_of_sizes`), or apparent error for the rate of a
-    clock. creep: factor of predicted creep under forces. log_evidence: log-likelihood of the logs with all sizes 0,
-    nuisances integrated out (natural logarithm, up to a constant of the logs). errors: of each log, the difference
-    between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad; gap: its
-    rms, None without a reference. slips (K - 1, w): slips of wheels beyond the predicted ones, m. lasting: columns
-    of effects on the robot's dimensions, which add up over a log. pulls: what commands say, in each log. designs,
-    disagreements: of each log; empty after `without_designs`."""
+    usual: of the gyro's scale as the robot's file states it, of backlashes as rounding makes them, too. cost: by
+    `cost_of_sizes`, or apparent error for the rate of a clock. masked: as logs show it; as much as predicted, if wheels
+    that disagree do not tell. creep: factor of predicted creep under forces. errors: of each log, the difference
+    between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad. slips (K - 1,
+    w): slips of wheels beyond the predicted ones, m. pulls: what commands say, in each log. designs, disagreements: of
+    each log; empty after `without_designs`."""
 
-    columns: Mapping[Any, NDArray[np.intp]]
-    logs: tuple[Statistics, ...]
-    usual: Array
-    cost: Array
     state: State
     noise: Noise
     creep: float
-    log_evidence: float
     errors: tuple[Array, ...]
     designs: tuple[DesignMatrix, ...]
     shared: SharedNuisances
     disagreements: tuple[Disagreement, ...]
     pulls: tuple[Pull, ...]
     slips: tuple[Array, ...]
-    lasting: NDArray[np.intp]
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """The causes that were considered."""
-        return tuple(self.columns)
-
-    @property
-    def redundant(self) -> bool:
-        """Whether encoders can contradict each other."""
-        return any(design.redundant for design in self.designs)
-
-    @property
-    def masked(self) -> float:
-        """The part of the effects in the model that wheel creep masks, as logs show it: as much as predicted, if wheels
-        that disagree do not tell."""
-        shares = [disagreement.share for disagreement in self.disagreements if not np.isnan(disagreement.share)]
-        return float(np.mean(shares)) if shares else 1.0
 
     @property
     def gap(self) -> tuple[float, float] | None:
-        """Gap between odometry and reference, m and rad; None for logs without a reference."""
+        """See `Seen`."""
         return gap_of(self.errors)
 
     def cost_of_slips(self, slips: Sequence[Array]) -> Array:
@@ -126,37 +99,32 @@ class Linearised:
         for design in self.designs:
             design.forget()
 
-    @property
-    def log_evidence_of_motion(self) -> float:
-        """The log evidence without how far wheels disagree in windows of time."""
-        return self.log_evidence - sum(disagreement.statistics()[2] for disagreement in self.disagreements)
-
     def without_designs(self) -> "Linearised":
         """Return the statistics for a report, of which no noise can be estimated anew."""
         return replace(self, designs=(), disagreements=())
 
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
-        """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes.
-
-        Without this step an effect that is not in the model, and does not make encoders contradict each other, counts
-        as slip noise.
-        """
+        """See `Seen`."""
         found = reestimated_noise(self.designs, effects, self.shared, self.noise)
         noise = Noise(**{name: max(size, getattr(LEAST_NOISE, name)) for name, size in asdict(found).items()})
         return self if noise == self.noise else self.at_noise(noise)
 
     def at_noise(self, noise: Noise) -> "Linearised":
         """Return the statistics at a given noise: in each log 0 of candidates without a column in it."""
-        count, logs, log_evidence = len(self.usual), [], 0.0
+        count, logs, log_evidence, of_disagreement = len(self.usual), [], 0.0, 0.0
         for design, disagreement, pull in zip(self.designs, self.disagreements, self.pulls, strict=True):
             indices = numbers_of(design.candidates, self.columns)
-            statistics, log_likelihood = _of_sizes(design, disagreement.statistics(), pull, self.shared, noise)
+            disagreeing = disagreement.statistics()
+            statistics, log_likelihood = _of_sizes(design, disagreeing, pull, self.shared, noise)
             at = np.append(indices, indices + count)
             information, score = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
             information[np.ix_(at, at)], score[at] = statistics
             logs.append(Statistics(information, score))
             log_evidence += log_likelihood
-        return replace(self, noise=noise, logs=tuple(logs), log_evidence=log_evidence)
+            of_disagreement += disagreeing[2]
+        of_motion = log_evidence - of_disagreement
+        evidences = {"log_evidence": log_evidence, "log_evidence_of_motion": of_motion}
+        return replace(self, noise=noise, logs=tuple(logs), **evidences)
 
 
 def linearise(
@@ -228,6 +196,7 @@ def linearise(
         disagreements.append(Disagreement.of(model, changes, log.t, slipping.disagreement, steps))
         pulls.append(pull_of(robot, log, Channels(robot).motion(log, state), design.candidates))
         errors.append(model.errors(geometry, clock, at.mount, slipped) if model.poses else np.zeros((0, 3)))
+    shares = [disagreement.share for disagreement in disagreements if not np.isnan(disagreement.share)]
     built = {candidate for design in designs for candidate in design.candidates[: len(design.steps)]}
     return Linearised(
         columns=columns,
@@ -238,6 +207,9 @@ def linearise(
         noise=noise,
         creep=float(shared.creep[0]),
         log_evidence=0.0,
+        log_evidence_of_motion=0.0,
+        redundant=any(design.redundant for design in designs),
+        masked=float(np.mean(shares)) if shares else 1.0,
         errors=tuple(errors),
         designs=tuple(designs),
         shared=shared,

@@ -60,7 +60,7 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     among = [candidate for candidate in candidates_of(robot) if candidate.columns == 1]
     seen = linearise(robot, logs, among=among)
     information = summed(seen.logs).information
-    single = [(candidate, int(seen.columns[candidate][0])) for candidate in seen.candidates]
+    single: list[tuple[Cause, int]] = [(candidate, int(columns[0])) for candidate, columns in seen.columns.items()]
     shown = [
         (candidate, k) for candidate, k in single if information[k, k] * candidate.kinds[0].tolerance ** 2 > UNSEEN
     ]
@@ -167,9 +167,10 @@ def hypotheses_of(
     castor share that of one family, as more logs are no reason to expect more of them.
     """
     stands, unseen = same_effects(robot.as_described())
-    names = [stands.get(candidate.family, candidate.family) for candidate in seen.candidates]
-    family_of = {candidate: name for candidate, name in zip(seen.candidates, names, strict=True) if candidate.kinds}
-    families = [family_of.get(candidate, candidate.family.partition(" ")[0]) for candidate in seen.candidates]
+    candidates: tuple[Cause, ...] = seen.candidates
+    names = [stands.get(candidate.family, candidate.family) for candidate in candidates]
+    family_of = {candidate: name for candidate, name in zip(candidates, names, strict=True) if candidate.kinds}
+    families = [family_of.get(candidate, candidate.family.partition(" ")[0]) for candidate in candidates]
     count, width = len(seen.usual), 2 * float(mount_prior(Geometry.of(robot))[0])
     scale = FAULT * tolerances(seen)
     strength = np.sum([np.diag(log.information) for log in seen.logs], axis=0)

@@ -1,25 +1,25 @@
 """Information and score of every candidate in each log of a train, linearised about its motion, nuisances integrated
 out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from castor_envs.effects.train import FrameLength
 from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.vehicles.train import TrainDescription
+from discrepancy.posterior.answers import Seen
 from discrepancy.posterior.calibrated import FREEDOM
 from discrepancy.posterior.priors import bounds_of
 from discrepancy.posterior.random_effects import Statistics, summed
 from discrepancy.trains.candidates import Candidate
 from discrepancy.validation.cost import cost_of_sizes, gap_of
+from estimators.likelihood.statistics import IN_ANY_UNITS, pseudo_inverse
 from estimators.likelihood.trains.motion import Motion, Sizes
 from estimators.likelihood.trains.rows import TrainLog
 from estimators.likelihood.trains.states import PROBES, Equations, FittedStates, fit_states
@@ -33,54 +33,25 @@ HORIZON = 5.0
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
-    """Candidates of a train, one size each, and their statistics in each log beyond its effects; see
-    `posterior.linearise.Linearised`.
+class Linearised(Seen):
+    """Statistics of a train's logs, linearised about their most likely motion; one size of each candidate.
 
-    cost (2, P): error of the train's localisation by counts and relative poses per unit of each candidate that is
-    ignored: m after 10 m, rad after a turn. fit: motions about which equations are linearised, and sizes of noise.
+    cost: of the train's localisation by counts and relative poses. fit: motions about which equations are linearised,
+    and sizes of noise.
     localised: the sizes of noise with which the train is localised for `gap`; None: those of `fit`. Where two
     descriptions are compared, both have the same: beside larger noise of a sensor localisation relies on others, which
     changes its error, too.
-    redundant: axles are seen by posture sensors, so encoders can contradict each other. lasting: of trains only single
-    logs were compared.
     """
 
     train: TrainDescription
     train_logs: tuple[TrainLog, ...]
-    columns: Mapping[Any, NDArray[np.intp]]
-    logs: tuple[Statistics, ...]
-    cost: Array
     fit: FittedStates
     localised: Sizes | None = None
-    redundant: bool = True
-    masked: float = 0.0
-    lasting: NDArray[np.intp] = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
 
     @property
     def noise(self) -> Sizes:
         """The sizes of noise with which the logs were fitted."""
         return self.fit.sizes
-
-    @property
-    def candidates(self) -> tuple[Candidate, ...]:
-        """The causes that were considered."""
-        return tuple(self.columns)
-
-    @property
-    def usual(self) -> Array:
-        """Size of unnamed alternatives in logs of a train in good order; NaN for effects."""
-        return np.array([candidate.usual for candidate in self.candidates])
-
-    @property
-    def log_evidence(self) -> float:
-        """Log evidence of the logs (natural logarithm, up to a constant of the logs)."""
-        return -self.fit.deviance / 2
-
-    @property
-    def log_evidence_of_motion(self) -> float:
-        """All of the log evidence: axles that disagree are a part of the motion."""
-        return self.log_evidence
 
     @property
     def gap(self) -> tuple[float, float] | None:
@@ -121,11 +92,7 @@ class Linearised:
         return np.maximum((FREEDOM + squares) / (FREEDOM + parts), 1.0)
 
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
-        """Return the statistics with the noise estimated anew beside effects of maximum-likelihood sizes, and beside
-        the family of unnamed alternatives that explains most.
-
-        Effects that are not in the model would count as slip and noise.
-        """
+        """See `Seen`; beside the family of unnamed alternatives that explains most, too."""
         built, (information, score) = self.train, summed(self.logs)
         chosen = [k for k, candidate in enumerate(self.candidates) if candidate in effects]
         for k, size in zip(chosen, _likeliest(information, score, chosen).tolist(), strict=True):
@@ -167,9 +134,21 @@ def linearise(
         prior = log.prior(train) ** -2.0
         statistics.append(Statistics(*equations.eliminated(columns, prior, log.nuisances(motion))))
         costs.append(_cost(log, motion, equations, columns, prior))
-    cost = np.sqrt(np.mean(np.square(costs), axis=0))
-    numbers = {candidate: np.array([k], dtype=np.intp) for k, candidate in enumerate(among)}
-    return Linearised(train, tuple(logs), numbers, tuple(statistics), cost, found, localised)
+    return Linearised(
+        columns={candidate: np.array([k], dtype=np.intp) for k, candidate in enumerate(among)},
+        logs=tuple(statistics),
+        usual=np.array([candidate.usual for candidate in among]),
+        cost=np.sqrt(np.mean(np.square(costs), axis=0)),
+        log_evidence=-found.deviance / 2,
+        log_evidence_of_motion=-found.deviance / 2,  # axles that disagree are a part of the motion
+        redundant=True,  # axles are seen by posture sensors, so encoders can contradict each other
+        masked=0.0,
+        lasting=np.zeros(0, dtype=np.intp),  # of trains only single logs were compared
+        train=train,
+        train_logs=tuple(logs),
+        fit=found,
+        localised=localised,
+    )
 
 
 def _columns(
@@ -213,8 +192,7 @@ def cost_of_noise(seen: Linearised, f: int) -> Array:
 
 def _likeliest(information: Array, score: Array, chosen: Sequence[int]) -> Array:
     """Return the maximum-likelihood amplitudes of these candidates together (c,)."""
-    covariance = np.linalg.pinv(information[np.ix_(chosen, chosen)], rcond=1e-12, hermitian=True)
-    return np.asarray(covariance @ score[list(chosen)], dtype=float)
+    return pseudo_inverse(information[np.ix_(chosen, chosen)], IN_ANY_UNITS) @ score[list(chosen)]
 
 
 def _carried(odometry: Array, motion: Motion, t: Array) -> Array:

@@ -4,8 +4,9 @@ import numpy as np
 
 from castor_envs.geometry.arrays import Array
 
-DETERMINED = 1e-9
-"""Least singular value of a matrix, as a part of the largest, of what the matrix determines."""
+DETERMINED, IN_ANY_UNITS = 1e-9, 1e-12
+"""Least singular value of a matrix, as a part of the largest, of what the matrix determines; and where units differ so
+much that by these alone singular values do."""
 
 
 def least_squares(matrix: Array, values: Array) -> Array:
@@ -14,9 +15,10 @@ def least_squares(matrix: Array, values: Array) -> Array:
     return np.asarray(np.linalg.lstsq(matrix, values, rcond=DETERMINED)[0], dtype=np.float64)
 
 
-def pseudo_inverse(information: Array) -> Array:
-    """Return the covariance (m, m) of sizes that this information (m, m) determines; 0 of what it leaves open."""
-    return np.asarray(np.linalg.pinv(information, rcond=DETERMINED, hermitian=True), dtype=np.float64)
+def pseudo_inverse(information: Array, least: float = DETERMINED) -> Array:
+    """Return the covariance (m, m) of sizes that this information (m, m) determines; 0 of what it leaves open. least:
+    see `DETERMINED`."""
+    return np.asarray(np.linalg.pinv(information, rcond=least, hermitian=True), dtype=np.float64)
 
 
 def scattered(information: Array, score: Array, covariance: Array) -> tuple[Array, Array]:

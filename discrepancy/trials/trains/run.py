@@ -27,6 +27,7 @@ from discrepancy.trials.folder import LOGS, Settings, name_of
 from discrepancy.trials.said import Said, Single, Size, report, size_of
 from discrepancy.trials.trains.cases import draw
 from discrepancy.trials.trains.simulate import log_at_random
+from estimators.likelihood.statistics import IN_ANY_UNITS, pseudo_inverse
 from estimators.likelihood.trains.states import equations_of
 
 STANDING = 0.5
@@ -115,7 +116,7 @@ def strength_of(real: TrainDescription, log: Log, hidden: Sequence[Candidate]) -
 
 def _apart(information: Array, k: int, others: list[int]) -> float:
     """Return the length of a signal less its projection on others, by the products of all of them."""
-    of_others = np.linalg.pinv(information[np.ix_(others, others)], rcond=1e-12, hermitian=True)
+    of_others = pseudo_inverse(information[np.ix_(others, others)], IN_ANY_UNITS)
     left = information[k, k] - information[k, others] @ of_others @ information[others, k]
     return float(np.sqrt(max(left, 0.0)))
 
