@@ -12,14 +12,11 @@ from discrepancy.trials.pymunk_generator import drive
 from estimators.calibration.identifiability import COVERAGE
 from estimators.calibration.maximum_likelihood.calibrate import calibrate
 
-QUICK, ALIKE = "2-castor", ("3-castor", "5-castor", "6-castor")
-"""The preset that is tried first, and those that are another one (the prototype) or another one with more castors."""
-
-NAMES = [name for name in preset_names() if name not in ALIKE]
+QUICK = "2-castor"
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=[] if name == QUICK else pytest.mark.slow) for name in NAMES]
+    "name", [pytest.param(name, marks=[] if name == QUICK else pytest.mark.slow) for name in preset_names()]
 )
 def test_a_wheel_is_as_large_by_calibration_as_by_diagnosis(name):
     robot, radius = preset(name), WheelRadius(castor=1, wheel=1, value=0.01)
