@@ -90,8 +90,7 @@ class TrainLog:
         frames, nan = self.f, np.nan
         rps = np.full((self.k, frames, 3), nan) if log.rps is None else log.rps.reshape(self.k, frames, 3)
         age = np.zeros((self.k, frames)) if log.rps_age is None else log.rps_age
-        fresh = np.isfinite(rps).all(axis=2) & (age <= 0.5 * train.sample_period)
-        self.rps, self.read = np.where(fresh[..., None], rps, 0.0), fresh
+        self.rps, self.read = _at_their_times(self.t, rps, age)
         given = np.full((self.k, 3 * self.n), nan) if log.reference is None else log.reference
         self.at = np.flatnonzero(np.isfinite(given).all(axis=1))
         self.reference = given[self.at].reshape(-1, self.n, 3)
@@ -331,12 +330,14 @@ class TrainLog:
         return float(np.sqrt(np.mean(np.diff(left)[pairs] ** 2 / expected))), int(pairs.sum())
 
     def _reference_derivatives(self, motion: Motion) -> dict[str, Jacobian]:
+        """Return the derivatives of the reference's residuals. That rates follow the samples before and after, by the
+        clock's offset over twice the period, is left out: equations depend on two samples that follow each other."""
         m, n = len(self.at), self.n
-        first = int(self.gauges[-1])
-        heading = motion.pose[self.at][..., 2]
+        first, rate = int(self.gauges[-1]), self._rate(motion)
+        heading = (motion.pose[self.at] + motion.clock * rate)[..., 2]
         c, s, x, y = np.cos(heading), np.sin(heading), motion.mount[:, 0], motion.mount[:, 1]
         pose = self.at[:, None] * self.block + 3 * np.arange(n)
-        ones, rate = np.ones((m, n)), self._rate(motion)
+        ones = np.ones((m, n))
         swing = np.stack([-s * x - c * y, c * x - s * y], axis=-1)
         places = np.stack([np.stack([pose, pose + 2], -1), np.stack([pose + 1, pose + 2], -1)], axis=2)
         values = np.stack([np.stack([ones, swing[..., 0]], -1), np.stack([ones, swing[..., 1]], -1)], axis=2)
@@ -347,7 +348,7 @@ class TrainLog:
             numbers[:, i, 1, at : at + 2] = np.stack([s[:, i], c[:, i]], axis=-1)
             turned[:, i, at + 2] = 1.0
         clock = first + 3 * n
-        numbers[..., clock], turned[..., clock] = rate[..., :2], rate[..., 2]
+        numbers[..., clock], turned[..., clock] = rate[..., :2] + swing * rate[..., 2:], rate[..., 2]
         return {
             "position": self._sparse(places, values, numbers.reshape(2 * m * n, -1)),
             "heading": self._sparse((pose + 2)[..., None], ones[..., None], turned.reshape(m * n, -1)),
@@ -507,6 +508,24 @@ class TrainLog:
         shape = (len(values), self.k * self.block)
         matrix = sparse.csr_array((values.ravel(), (rows, columns)), shape=shape)
         return Jacobian(matrix, np.zeros((len(values), self.numbers)) if numbers is None else numbers)
+
+
+def _at_their_times(t: Array, rps: Array, age: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return readings (K, F, 3) at the samples that are the nearest to when they were taken, and where there is one (K,
+    F): the freshest, as slow sensors tell a reading again. Those from before the log are left out.
+
+    rps (K, F, 3): NaN where there is none. age (K, F): s, of each reading.
+    """
+    taken = t[:, None] - age
+    after = np.clip(np.searchsorted(t, taken), 1, len(t) - 1)
+    nearest = after - (taken - t[after - 1] < t[after] - taken)
+    told = np.isfinite(rps).all(axis=2) & (taken > t[0] - (t[1] - t[0]) / 2)
+    found, read = np.zeros(rps.shape), np.zeros(told.shape, dtype=bool)
+    for f in range(rps.shape[1]):
+        rows = np.flatnonzero(told[:, f])
+        rows = rows[np.argsort(-age[rows, f], kind="stable")]
+        found[nearest[rows, f], f], read[nearest[rows, f], f] = rps[rows, f], True
+    return found, read
 
 
 def _wheels(train: TrainDescription) -> tuple[Array, Array, Array]:

@@ -33,6 +33,30 @@ def test_derivatives_of_residuals_are_what_small_changes_make(log):
         change = (more[kind] - less[kind]).ravel() / 2
         said = derivatives[kind].by_sample @ sample.ravel() + derivatives[kind].by_number @ number
         assert np.linalg.norm(said - change) < 2e-3 * np.linalg.norm(change), kind
+    still = np.zeros_like(sample)
+    more, less = (rows.residuals(built, motion.moved(still, sign * number)) for sign in (1, -1))
+    for kind in ("position", "heading"):
+        change, said = (more[kind] - less[kind]).ravel() / 2, derivatives[kind].by_number @ number
+        assert np.linalg.norm(said - change) < 1e-6 * np.linalg.norm(change), kind
+
+
+@pytest.mark.parametrize("age", [0.0, 0.03, 0.12])
+def test_readings_count_when_they_were_taken(log, age):
+    """Readings that arrive later, with their age, say the same; those that are told again say nothing more."""
+    apart = np.round((log.t - age - log.t[0]) / TRAIN.sample_period).astype(int)
+    late = (
+        log.rps[np.maximum(apart, 0)],
+        np.where((apart >= 0)[:, None], log.t[:, None] - log.t[np.maximum(apart, 0)][:, None], np.nan),
+    )
+    frames = late[1] * np.ones(2)
+    told = dataclasses.replace(
+        log, rps=np.where(np.repeat(np.isfinite(frames), 3, axis=1), late[0], np.nan), rps_age=np.nan_to_num(frames)
+    )
+    at_once, later = TrainLog(TRAIN, log), TrainLog(TRAIN, told)
+    known = slice(0, apart[-1] + 1)
+    np.testing.assert_array_equal(later.rps[known], at_once.rps[known])
+    np.testing.assert_array_equal(later.read[known], at_once.read[known])
+    assert not later.read[apart[-1] + 1 :].any()
 
 
 @pytest.mark.parametrize("tension", [-20.0, 5.0, 20.0])
