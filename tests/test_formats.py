@@ -142,7 +142,7 @@ def test_reader_and_schema_agree_on_effects(effect):
 
 def test_logs_of_the_page_are_read(tmp_path):
     differential, tricycle, _, train, _ = EXAMPLES
-    vehicles = [vehicle_from_dict(data) for data in (differential, differential, tricycle, train)]
+    vehicles = [vehicle_from_dict(data) for data in (differential, differential, differential, tricycle, train)]
     for text, vehicle in zip(LOGS, vehicles, strict=True):
         (tmp_path / "log.csv").write_text(text)
         log = read_log(tmp_path / "log.csv", vehicle)

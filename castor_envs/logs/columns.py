@@ -12,6 +12,8 @@ from castor_envs.vehicles.train import TrainDescription
 
 #: Names of a header that an error lists: more than any robot of the presets needs.
 SHOWN = 20
+#: Columns that may be left out beside others of their part: of positions without a heading.
+HEADINGS = ("ref_psi", "fix_psi")
 _OTHER_PROGRAM = "; castor-bench import makes a log of a recording by another program"
 
 
@@ -75,7 +77,7 @@ class LogColumns(NamedTuple):
     def check_header(self, path: Path, line: int, names: Sequence[str]) -> None:
         """Raise InputError for unnamed, duplicate or missing columns.
 
-        t, wheels and pivots are required; each other part needs all of its columns or none.
+        t, wheels and pivots are required; each other part needs all of its columns, but for `HEADINGS`, or none.
         """
         if len(names) == 1:
             message = f"the header has a single column; separate columns by commas{_OTHER_PROGRAM}"
@@ -105,7 +107,7 @@ class LogColumns(NamedTuple):
         for part, expected in self._asdict().items():
             required = part in ("t", "wheel", "pivot") or any(name in names for name in expected)
             for name in expected if required else ():
-                if name not in names:
+                if name not in (*names, *HEADINGS):
                     raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
 
     def _foreign(self, name: str) -> bool:

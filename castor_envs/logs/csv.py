@@ -8,10 +8,12 @@ The header comes first, columns stand in any order, columns that the vehicle doe
     cmd_1l ...               rad/s, optional: the command to every driven wheel at row k from t_k to t_k+1
     cmd_pivot_1 ...          rad/s, optional: the same for the steering motors
     ref_x, ref_y, ref_psi    m, m, rad (unwrapped), optional: the body's pose by a tracker (in simulation the truth),
-                             blank where none was taken
+                             blank where none was taken; ref_psi alone is blank, or left out, where a tracker has
+                             positions alone
     gyro_z                   rad/s, optional
     fix_x, fix_y, fix_psi    m, m, rad (wrapped or not), optional: the body's pose as an external sensor has it, blank
-                             where none came; fix_psi alone is blank where a fix has no heading, and x, y of a compass
+                             where none came; fix_psi alone is blank, or left out, where a fix has no heading, and
+                             x, y of a compass
     fix_age                  s, optional (0): how long ago that was true; blank where no fix came
 
 A tracker with times and a rate of its own has rows of its own, in the order of time: t and the reference, all else
@@ -162,14 +164,16 @@ def _split(columns: LogColumns, place: dict[str, int], rows: list[Line]) -> tupl
 
 def _values(path: Path, columns: LogColumns, part: str, place: dict[str, int], rows: list[Line]) -> Array:
     """Return the numbers of a part's columns (K, n), or (K,), NaN where cells may be blank and are."""
-    present = [(name, place[name]) for name in getattr(columns, part) if name in place]
+    names = getattr(columns, part)
     if part not in _MAY_BE_BLANK:
-        values = numbers(path, rows, dict(present))
+        values = numbers(path, rows, {name: place[name] for name in names})
         return values[:, 0] if part in _FLAT else values
-    values = np.full((len(rows), len(present)), np.nan)
-    for group in _groups(part, len(present)):
-        given = [k for k, row in enumerate(rows) if not _blank(path, row, present[group])]
-        values[given, group] = numbers(path, [rows[k] for k in given], dict(present[group]))
+    values = np.full((len(rows), len(names)), np.nan)
+    for group in _groups(part, len(names)):
+        present = {name: place[name] for name in names[group] if name in place}
+        given = [k for k, row in enumerate(rows) if not _blank(path, row, present)]
+        if present:
+            values[given, group] = numbers(path, [rows[k] for k in given], present)
     return values[:, 0] if part in _FLAT else values
 
 
@@ -182,7 +186,7 @@ def _tracked(path: Path, columns: LogColumns, posed: _Rows, log: Log, lines: Seq
     order = np.argsort(line)
     line, t, pose = line[order], t[order], np.concatenate([parts["reference"], log.reference])[order]
     _check_times(path, line, t)
-    known = np.isfinite(pose).all(axis=1)
+    known = np.isfinite(pose[:, 0])
     line, t, pose = line[known], t[known], pose[known]
     _check_headings(path, line, columns, pose)
     return TimedPoses(t, pose)
@@ -256,7 +260,7 @@ def _with_poses(
     shown = np.column_stack([tracked.t, tracked.pose])[alone]
     added = _rows(
         [
-            _Printed(shown[:, place[name]] if name in place else [""] * len(shown), repr if name in place else str)
+            _Printed(shown[:, place[name]], _blank_or_number) if name in place else _Printed([""] * len(shown), str)
             for name in names
         ],
         len(shown),
@@ -278,19 +282,19 @@ def _blank_or_number(value: float) -> str:
 
 
 def _groups(part: str, width: int) -> list[slice]:
-    """Return which columns of a part may be blank together: of rps the three of a frame, of a fix its position and its
-    heading, of other parts all."""
-    if part == "fix":
-        return [slice(0, 2), slice(2, 3)][:width]
+    """Return which columns of a part may be blank together: of rps the three of a frame, of a fix and of a robot's
+    reference the position and the heading, of other parts all."""
+    if part in ("fix", "reference") and width == 3:  # a train has more than one axle
+        return [slice(0, 2), slice(2, 3)]
     size = 3 if part == "rps" else max(width, 1)
     return [slice(k, k + size) for k in range(0, width, size)]
 
 
-def _blank(path: Path, row: Line, columns: list[tuple[str, int]]) -> bool:
+def _blank(path: Path, row: Line, columns: dict[str, int]) -> bool:
     """Return whether all of a row's cells in some columns are blank; some but not all is an error."""
-    blank = [name for name, at in columns if not row.cells[at].strip()]
+    blank = [name for name, at in columns.items() if not row.cells[at].strip()]
     if blank and len(blank) < len(columns):
-        names = ", ".join(name for name, _ in columns)
+        names = ", ".join(columns)
         raise complaint(path, row.number, blank[0], f"is blank, but not all of {names}; give all or none")
     return bool(blank)
 
@@ -330,6 +334,8 @@ def _check_values(path: Path, lines: Sequence[int], log: Log, vehicle: Vehicle) 
             what = "is blank beside a fix" if np.isnan(log.fix_age[k]) else f"is {log.fix_age[k]} s"
             raise complaint(path, lines[k], columns.fix_age[0], f"{what}; give its age, 0 or more")
     if log.reference is not None:
+        for k in np.flatnonzero(np.isfinite(log.reference[:, -1]) & np.isnan(log.reference[:, 0]))[:1]:
+            raise complaint(path, lines[k], columns.reference[0], "is blank beside a heading; give all or none")
         _check_headings(path, lines, columns, log.reference)
 
 

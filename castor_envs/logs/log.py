@@ -24,11 +24,12 @@ class Log:
 
     t (K,), s. wheel (K, driven wheels), cumulative counts. pivot (K, pivot encoders), counts as read, maybe wrapped.
     command (K, driven wheels) and steering_command (K, driven castors), rad/s, or None. reference (K, 3): a tracker's
-    x, y, psi of the body, rows of NaN where none was taken, or None. gyro (K,), rad/s, or None. fix (K, 3): x, y,
-    psi of the body as an external sensor has it, NaN where there is none (psi alone: of the position only), and fix_age
-    (K,), s, how long ago that was true; zeros where it is left out. extra: the columns that
-    the vehicle does not have, as text (K,). undone: mistakes of wiring that are undone in these counts, while the
-    controller of the run did not know of them. Arrays of any real numbers are held as float64, text as `TEXT`.
+    x, y, psi of the body, rows of NaN where none was taken (psi alone, of a robot: positions without heading), or None.
+    gyro (K,), rad/s, or None. fix (K, 3): x, y, psi of the body as an external sensor has it, NaN where there is none
+    (psi alone: of the position only), and fix_age (K,), s, how long ago that was true; zeros where it is left out.
+    extra: the columns that the vehicle does not have, as text (K,). undone: mistakes of wiring that are undone in these
+    counts, while the controller of the run did not know of them. Arrays of any real numbers are held as float64, text
+    as `TEXT`.
 
     Of a train of N axles and F frames: wheel and command (K, 2N), pivot (K, 0), reference (K, 3N), axle by axle. rps
     (K, 3F): x, y, phi of every frame's front axle in its rear axle's frame, NaN where a frame has no reading. rps_age
@@ -80,6 +81,11 @@ class Log:
 def poses_taken(log: Log) -> NDArray[np.intp]:
     """Return the rows of a robot's log in which there is a whole reference pose."""
     return np.flatnonzero(np.zeros(0) if log.reference is None else np.isfinite(log.reference).all(axis=1))
+
+
+def positions_taken(log: Log) -> NDArray[np.intp]:
+    """Return the rows of a log in which there is a reference position, with a heading or, of a robot, without."""
+    return np.flatnonzero(np.zeros(0) if log.reference is None else np.isfinite(log.reference[:, 0]))
 
 
 def pivot_jumps(count: Numbers, counts_per_rev: float) -> NDArray[np.intp]:

@@ -29,11 +29,11 @@ def with_reference(log: Log, tracked: TimedPoses, vehicle: Vehicle) -> Log:
     """
     at_rows = tracked.at(log.t)
     log = dataclasses.replace(log, reference=at_rows)
-    shown = np.asarray(np.isfinite(at_rows).all(axis=1))
+    shown = np.asarray(np.isfinite(at_rows[:, 0]))
     after = np.searchsorted(log.t, tracked.t)
     within = (after > 0) & (after < len(log)) & np.isfinite(interpolated(log.t, log.t, tracked.t))
     after = np.clip(after, 1, len(log) - 1)
-    lost = within & ~(shown[after] | shown[after - 1]) & np.isfinite(tracked.pose).all(axis=1)
+    lost = within & ~(shown[after] | shown[after - 1]) & np.isfinite(tracked.pose[:, 0])
     return _with_rows(log, TimedPoses(tracked.t[lost], tracked.pose[lost]), after[lost], vehicle)
 
 

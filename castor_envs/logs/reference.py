@@ -30,7 +30,7 @@ class ReferenceNoise(NamedTuple):
 class TimedPoses(NamedTuple):
     """A tracker's poses at the times at which it took them: t (M,), s, strictly increasing; pose (M, 3 n), m and rad.
 
-    n is 1 for a robot, and the number of axles for a train; headings are unwrapped.
+    n is 1 for a robot, and the number of axles for a train; headings are unwrapped, a robot's NaN where it has none.
     """
 
     t: Numbers

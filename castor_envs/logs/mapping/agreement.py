@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import rotate
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import Log, poses_taken
+from castor_envs.logs.log import Log, poses_taken, positions_taken
 from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -39,11 +39,15 @@ ALIKE = 0.9
 def agreement_notes(robot: RobotDescription, log: Log) -> Iterator[str]:
     """Yield what is far off between wheels and reference of a log; nothing where there is no reference or no motion."""
     rows = poses_taken(log)
+    if not len(rows):  # without a heading only how far it goes is compared
+        rows = positions_taken(log)
     if len(rows) < 2 or not np.size(log.wheel):
         return
     geometry = Geometry.of(robot.as_built())
     motion, rolled, expected = _windows(geometry, log, rows)
     way, turn = np.hypot(motion[:, 0], motion[:, 1]), np.abs(motion[:, 2])
+    if not (headed := bool(np.isfinite(turn).all())):
+        turn = np.zeros(len(turn))
     kept = (way > FAR) | (turn > MUCH) | (np.abs(rolled) > FAR).any(axis=1)
     way, turn, rolled, expected = way[kept], turn[kept], rolled[kept], expected[kept]
     gone, turned, most = float(way[way > FAR].sum()), float(turn[turn > MUCH].sum()), float(_most(rolled).sum())
@@ -66,10 +70,11 @@ def agreement_notes(robot: RobotDescription, log: Log) -> Iterator[str]:
                 f"{np.abs(expected[:, k]).sum():.3g} m, while others agree: is its unit right, and its counts_per_rev?"
             )
         return
-    told = f"the reference goes {gone:.3g} m and turns by {turned:.3g} rad in all, wheels roll {most:.3g} m"
+    turns = f" and turns by {turned:.3g} rad" if headed else ""
+    told = f"the reference goes {gone:.3g} m{turns} in all, wheels roll {most:.3g} m"
     # The middle of a body goes no further than the fastest of the wheels around it, and two wheels turn it together.
     too_far, too_much = gone > FACTOR * most, turned * _span(geometry) / 2 > FACTOR * most
-    if (too_far and too_much) or most > FACTOR * (way.sum() + geometry.reach * turn.sum()):
+    if (too_far and too_much) or (headed and most > FACTOR * (way.sum() + geometry.reach * turn.sum())):
         yield f"wheels: {told}: are the units of the wheels right, their counts_per_rev and radius, and that of ref_x?"
     elif too_far:
         yield f"ref_x: {told}: is the unit right, and those of the wheels?"
@@ -93,7 +98,7 @@ def _windows(geometry: Geometry, log: Log, rows: NDArray[np.intp]) -> tuple[Arra
     """Return of W windows the reference's motion (W, 3), m and rad, how far each wheel with an encoder rolled (W, d),
     m, and how far it would by that motion; NaN where its castor's angle is not known.
 
-    rows: those with a pose.
+    rows: those with a pose, or with a position alone: the motion is then in the reference's axes, its turn NaN.
     """
     assert log.reference is not None
     t, driven = np.asarray(log.t)[rows], ~np.isnan(geometry.counts_per_rev)
@@ -111,7 +116,8 @@ def _windows(geometry: Geometry, log: Log, rows: NDArray[np.intp]) -> tuple[Arra
         castor[:, geometry.sensed] = turned[points]
         a, b = (part[:, : len(driven)] for part in constraint_matrix(geometry, (castor[1:] + castor[:-1]) / 2))
         moved = np.diff(pose, axis=0)
-        moved[:, :2] = rotate(moved[:, :2], -(pose[1:, 2] + pose[:-1, 2]) / 2)
+        way = rotate(moved[:, :2], -(pose[1:, 2] + pose[:-1, 2]) / 2)
+        moved[:, :2] = np.where(np.isnan(way), moved[:, :2], way)
         rolled = np.diff(np.asarray(log.wheel)[rows[points]], axis=0) * per_count
         expected = (a @ moved[..., None])[..., 0] + b * np.diff(castor, axis=0)[:, geometry.wheel_castor]
         for total, part in zip(sums, (moved, rolled, expected[:, driven]), strict=True):

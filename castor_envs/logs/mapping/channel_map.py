@@ -10,7 +10,7 @@ from pydantic.dataclasses import dataclass
 from castor_envs import description
 from castor_envs.description import CONFIG
 from castor_envs.errors import InputError, did_you_mean
-from castor_envs.logs.columns import LogColumns
+from castor_envs.logs.columns import HEADINGS, LogColumns
 from castor_envs.logs.mapping.units import units_of
 from castor_envs.logs.recordings.recording import Clock, TimeUnit
 from castor_envs.vehicles.robot import RobotDescription
@@ -161,7 +161,7 @@ class ChannelMap:
         for part, names in columns._asdict().items():
             needed = part in ("wheel", "pivot") or any(key in self.columns for key in names)
             for key in names if needed and part not in ("t", "fix_age") else ():
-                if key != "fix_psi" and key not in self.columns:  # a fix may have no heading
+                if key not in (*HEADINGS, *self.columns):
                     raise InputError(f"{name}: columns.{key}: is missing; add it{self._why(part)}")
 
     def _check_own_channels(self, columns: LogColumns, name: str) -> None:

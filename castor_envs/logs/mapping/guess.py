@@ -26,6 +26,9 @@ BARE = (UNITS - WORDS["counts"]) | {"ms", "us", "ns"}
 """Words that alone, or with the number of a column, are a unit and name nothing."""
 NEVER = {"effort", "torque", "current", "voltage", "volts", "temperature", "covariance", "heading"}
 TRUSTED = {"truth", "gt", "ground", "mocap", "vicon", "optitrack", "qualisys", "tracker", "ref", "reference", "opti"}
+LOCATED = {"prism", "leica", "gps", "gnss", "rtk", "utm", "uwb", "easting", "northing"}
+"""Words of positions that are a reference without a heading; one beside them that never changes is none."""
+
 ESTIMATED = {"odom", "odometry", "amcl", "estimate", "estimated", "filtered", "ekf"}
 """Words of poses that are estimates, which are no reference."""
 
@@ -33,6 +36,9 @@ MAPPED = {"east", "north", "easting", "northing", "height", "latitude", "longitu
 PLACED = {"x", "y", "z", "w", "qx", "qy", "qz", "qw", "roll", "pitch"} | HEADING | MAPPED
 BODY = PLACED | {"vx", "vy", "vz", "dx", "dy", "dtheta", "omega"}
 """Words of the pose and the motion of a body, which no wheel has."""
+COORDINATES = {"x": {"x", "easting"}, "y": {"y", "northing"}, "heading": HEADING}
+"""Words of the coordinates of a pose."""
+
 _OF_POSE = re.compile(r"\.(x|y|z|heading)$")
 MOVED = SPEED | {"pos", "position", "distance", "angle"}
 ENCODER = {"wheel", "wheels", "enc", "encoder", "encoders", "tick", "ticks"}
@@ -215,28 +221,32 @@ def _most(channel: Found) -> float:
 
 
 def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, Column]:
-    """Return the columns of the pose that most looks like a tracker's; of odometry's poses none."""
+    """Return the columns of the pose that most looks like a tracker's, or else of such a position without a heading; of
+    odometry's poses none."""
     poses: dict[frozenset[str], dict[str, str]] = {}
     for channel in found:
         given = words_of(channel)
-        part = next((part for part in ("x", "y", "heading") if part in given), "heading" if given & HEADING else None)
+        part = next((part for part, words in COORDINATES.items() if given & words), None)
         if part is not None:
-            poses.setdefault(frozenset(given - {"x", "y", "pos", "position", *LENGTHS, "rad", "deg", *HEADING}), {})[
-                part
-            ] = channel
-    whole = {words: parts for words, parts in poses.items() if {"x", "y", "heading"} <= set(parts)}
-    fitting = [words for words in whole if not words & (ESTIMATED | COMMANDED) or words & TRUSTED]
+            other = {"x", "y", "pos", "position", *LENGTHS, "rad", "deg", *HEADING}
+            words = frozenset({"northing" if word == "easting" else word for word in given} - other)
+            poses.setdefault(words, {})[part] = channel
+    live, fitting = _live(found), dict[frozenset[str], dict[str, str]]()
+    for words, parts in poses.items():
+        if words & LOCATED and parts.get("heading") not in live:
+            parts.pop("heading", None)
+        needed = {"x", "y"} if words & (LOCATED | TRUSTED) else {"x", "y", "heading"}
+        if needed <= set(parts) and (not words & (ESTIMATED | COMMANDED) or words & TRUSTED):
+            fitting[words] = parts
     if not fitting:
         return {}
-    live = _live(found)
-    chosen = whole[
-        max(fitting, key=lambda words: (any(p in live for p in whole[words].values()), bool(words & TRUSTED)))
-    ]
-    heading = found[chosen["heading"]]
-    angle = "deg" if in_degrees(chosen["heading"]) or _most(heading) > FEW_TURNS else "rad"
-    lengths = [words_of(chosen[part]) for part in ("x", "y")]
-    units = [next((unit for unit in LENGTHS if unit in given), "m") for given in lengths] + [angle]
+    chosen = max(
+        fitting.items(),
+        key=lambda pose: ("heading" in pose[1], any(p in live for p in pose[1].values()), bool(pose[0] & TRUSTED)),
+    )[1]
+    units = [next((unit for unit in LENGTHS if unit in words_of(chosen[part])), "m") for part in ("x", "y")]
+    if (heading := chosen.get("heading")) is not None:
+        units.append("deg" if in_degrees(heading) or _most(found[heading]) > FEW_TURNS else "rad")
     return {
-        key: Column(channel=chosen[part], unit=unit)
-        for key, part, unit in zip(names, ("x", "y", "heading"), units, strict=True)
+        key: Column(channel=chosen[part], unit=unit) for key, part, unit in zip(names, COORDINATES, units, strict=False)
     }

@@ -3,6 +3,7 @@
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import reduce
 from pathlib import Path
 from typing import NamedTuple
 
@@ -248,15 +249,20 @@ def _gap_notes(t: Array) -> Iterator[str]:
 
 
 def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t: Array) -> TimedPoses | None:
-    """Return the poses around the rows' times t (K,), s; None where the map has no reference."""
+    """Return the poses around the rows' times t (K,), s; None where the map has no reference. Of a map without ref_psi
+    headings are NaN."""
     if columns.reference[0] not in tracks:
         return None
-    x, y = (tracks[key].scaled(LENGTHS[by.columns[key].unit]) for key in columns.reference[:2])
-    psi = _heading(tracks[columns.reference[2]], by.columns[columns.reference[2]])
-    times = np.intersect1d(np.intersect1d(x.t, y.t), psi.t)
+    parts = [tracks[key].scaled(LENGTHS[by.columns[key].unit]) for key in columns.reference[:2]]
+    if (heading := columns.reference[2]) in tracks:
+        parts.append(_heading(tracks[heading], by.columns[heading]))
+    x, times = parts[0], reduce(np.intersect1d, [track.t for track in parts])
     if len(times) < 2:
-        raise InputError(f"{x.where}: x, y and heading are not taken at the same times; take them from one channel")
-    pose = np.column_stack([track.value[np.searchsorted(track.t, times)] for track in (x, y, psi)])
+        problem = "x, y and heading" if len(parts) == 3 else "x and y"
+        raise InputError(f"{x.where}: {problem} are not taken at the same times; take them from one channel")
+    pose = np.full((len(times), 3), np.nan)
+    for k, track in enumerate(parts):
+        pose[:, k] = track.value[np.searchsorted(track.t, times)]
     first, last = (np.searchsorted(times, t[0], "right") - 1, np.searchsorted(times, t[-1], "left") + 1)
     kept = slice(max(first, 0), last)
     if not ((times >= t[0]) & (times <= t[-1])).any():
@@ -333,7 +339,8 @@ def _reference_notes(log: Log, tracked: TimedPoses, added: int) -> Iterator[str]
     known = int(np.isfinite(log.reference[:, 0]).sum())
     if known < len(log):
         rate = (len(tracked.t) - 1) / (tracked.t[-1] - tracked.t[0]) if len(tracked.t) > 1 else 0.0
-        yield f"reference: {len(tracked.t)} poses, {rate:.3g} a second, near enough to {known} of {len(log)} rows"
+        what = "positions" if np.isnan(tracked.pose[:, 2]).all() else "poses"
+        yield f"reference: {len(tracked.t)} {what}, {rate:.3g} a second, near enough to {known} of {len(log)} rows"
     if added:
         yield f"reference: {added} poses are near no row; the log is read with rows at their times"
 

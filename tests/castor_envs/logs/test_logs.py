@@ -46,7 +46,9 @@ def robots_and_logs(draw):
         return array
 
     position, heading = maybe_blank(2, small), maybe_blank(1, small)
-    fix, age = None, None
+    fix, age, reference = None, None, maybe_blank(3, st.floats(-1.5, 1.5))
+    if reference is not None:  # positions without headings
+        reference[np.array(draw(st.lists(st.booleans(), min_size=n, max_size=n))), 2] = np.nan
     if position is not None and heading is not None:
         fix = np.concatenate([position, heading], axis=1)
         age = np.where(np.isnan(fix).all(axis=1), np.nan, np.abs(rows(1, small)[:, 0]))
@@ -59,7 +61,7 @@ def robots_and_logs(draw):
         pivot=rows(len(columns.pivot), st.integers(0, max(int(turn) - 1, 0))).reshape(n, -1),
         command=maybe_blank(len(columns.command), small),
         steering_command=maybe_blank(len(columns.steering_command), small),
-        reference=maybe_blank(3, st.floats(-1.5, 1.5)),
+        reference=reference,
         gyro=rows(1, small)[:, 0] if draw(st.booleans()) else None,
         fix=fix,
         fix_age=age,
@@ -266,7 +268,7 @@ MISTAKES = [
     ("t,wheel_1l,wheel1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 'wheel_1r': is missing; did you mean 'wheel1r'"),
     ("t,Wheel_1L,wheel_1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 'wheel_1l': is missing; did you mean 'Wheel_1L'"),
     ("time,wheel_1l,wheel_1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 't': is missing; did you mean 'time'"),
-    ("t,wheel_1l,wheel_1r,ref_x,ref_y\n0,0,0,0,0\n", r"log.csv:1: column 'ref_psi': is missing"),
+    ("t,wheel_1l,wheel_1r,ref_x,ref_psi\n0,0,0,0,0\n", r"log.csv:1: column 'ref_y': is missing"),
     ("t,wheel_1l,wheel_1r,cmd_1r\n0,0,0,0\n", r"log.csv:1: column 'cmd_1l': is missing"),
     ("t,wheel_1l,wheel_1r,t\n0,0,0,0\n", r"log.csv:1: column 't': appears twice, at places 1 and 4"),
     ("t,wheel_1l,wheel_1r,\n0,0,0,\n", r"log.csv:1: the column at place 4 has no name"),
@@ -279,7 +281,8 @@ MISTAKES = [
     (f"{HEADER}\n{ROWS}0.1,6,nan,0,0,0\n", r"log.csv:4: column 'wheel_1r': 'nan' is not finite"),
     (f"{HEADER}\n{ROWS}inf,6,5,0,0,0\n", r"log.csv:4: column 't': 'inf' is not finite"),
     (f"{HEADER}\n{ROWS}0.1,6,5,nan,0,0\n", r"log.csv:4: column 'ref_x': 'nan' is not finite"),
-    (f"{HEADER}\n{ROWS}0.1,6,5,0,,0\n", r"log.csv:4: column 'ref_y': is blank, but not all of ref_x, ref_y, ref_psi"),
+    (f"{HEADER}\n{ROWS}0.1,6,5,0,,0\n", r"log.csv:4: column 'ref_y': is blank, but not all of ref_x, ref_y;"),
+    (f"{HEADER}\n{ROWS}0.1,6,5,,,0\n", r"log.csv:4: column 'ref_x': is blank beside a heading"),
     (f"{HEADER}\n{ROWS}0.02,6,5,0,0,0\n", r"log.csv:4: column 't': goes back from 0.05 to 0.02; sort the rows"),
     (f"{HEADER}\n{ROWS}0.05,6,5,0,0,0\n", r"log.csv:4: column 't': repeats 0.05"),
     ("t,wheel_1l,wheel_1r,wheel_2l\n0,0,0,0\n1,1,1,1\n", r"log.csv:1: column 'wheel_2l': .* has no castor 2; give the"),
@@ -481,6 +484,19 @@ def test_an_age_below_zero_is_refused(tmp_path):
     )
     with pytest.raises(InputError, match=r"log\.csv:3: column 'rps_age_A': is -1\.0 s; an age is never below 0"):
         read_log(path, cfmmr(2))
+
+
+@pytest.mark.parametrize("part", ["ref", "fix"])
+def test_positions_need_no_column_of_headings(tmp_path, part):
+    path = tmp_path / "log.csv"
+    path.write_text(f"t,wheel_1l,wheel_1r,{part}_x,{part}_y\n0,0,0,,\n1,1,1,0.5,-0.25\n1.5,,,1,2\n2,2,2,,\n")
+    if part == "fix":
+        path.write_text(path.read_text().replace("1.5,,,1,2\n", ""))
+    log = read_log(path, DIFFERENTIAL)
+    positions = getattr(log, {"ref": "reference", "fix": "fix"}[part])
+    assert positions.shape == (len(log), 3)
+    np.testing.assert_array_equal(positions[1], [0.5, -0.25, np.nan])
+    assert np.isnan(positions[:, 2]).all()
 
 
 @pytest.mark.parametrize(

@@ -49,6 +49,14 @@ def test_a_drive_without_a_mistake_has_no_note(drive):
     assert noted(robot, log, wheel=still, reference=log.reference - log.reference + np.array([1.0, 2.0, 3.0])) == []
 
 
+def test_of_positions_alone_how_far_they_go_is_compared(drive):
+    robot, log = drive
+    assert noted(robot, log, reference=log.reference * [1, 1, np.nan]) == []
+    assert noted(robot, log, reference=log.reference * [1000, 1000, np.nan]) == ["ref_x"]
+    turning = np.zeros(log.reference.shape) * [1, 1, np.nan]  # a receiver on the axis of a robot that turns
+    assert noted(robot, log, reference=turning) == []
+
+
 def test_a_slow_tracker_off_the_middle_is_no_mistake(drive):
     robot, log = drive
     psi = log.reference[:, 2]

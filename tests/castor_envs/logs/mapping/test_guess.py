@@ -249,6 +249,36 @@ def test_a_trackers_pose_is_the_reference_and_odometrys_is_not():
     assert [found[key] for key in ("ref_x", "ref_y", "ref_psi")] == [("x_mm", "mm"), ("y_mm", "mm"), ("yaw_deg", "deg")]
 
 
+@pytest.mark.parametrize(
+    ("x", "y"),
+    [
+        ("/leica/point point.x", "/leica/point point.y"),
+        ("gps_x", "gps_y"),
+        ("gt_x_mm", "gt_y_mm"),
+        ("utm easting [m]", "utm northing [m]"),
+        ("Easting", "Northing"),
+    ],
+)
+def test_positions_of_a_receiver_or_a_prism_are_a_reference_without_a_heading(x, y):
+    found = guessed("differential", "left_ticks", "right_ticks", "/odom pose.x", "/odom pose.y", x, y)
+    unit = "mm" if x.endswith("mm") else "m"
+    assert {key: of for key, of in found.items() if key.startswith("ref_")} == {"ref_x": (x, unit), "ref_y": (y, unit)}
+
+
+def test_a_heading_that_never_changes_beside_positions_that_do_is_none():
+    """As in a pose of ROS that a receiver fills with a position and the identity."""
+    found = {
+        f"/gps pose.{part}": Found(count=9, low=0, high=high) for part, high in (("x", 5), ("y", 6), ("heading", 0))
+    }
+    columns = guess_map(found, Clock("t"), preset("differential")).columns
+    assert [key for key in columns if key.startswith("ref_")] == ["ref_x", "ref_y"]
+
+
+def test_unknown_positions_and_degrees_of_latitude_are_no_reference():
+    found = guessed("differential", "x", "y", "/odom pose.x", "/odom pose.y", "/gps latitude", "/gps longitude")
+    assert not [key for key in found if key.startswith("ref_")]
+
+
 def test_degrees_are_told_by_their_sign_and_by_how_far_they_go():
     assert guessed("differential", "Gyro Z [°/s]")["gyro_z"] == ("Gyro Z [°/s]", "deg/s")
     for high, unit in ((68.8, "deg"), (6.0, "rad")):

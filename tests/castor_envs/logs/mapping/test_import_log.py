@@ -241,6 +241,19 @@ def test_positions_far_from_their_origin_begin_near_it_and_what_is_subtracted_is
     assert ("from fixes too" in note) == with_fixes
 
 
+def test_a_reference_needs_no_heading(tmp_path):
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, x=T, y=-T)
+    reference = {f"ref_{part}": {"channel": part, "unit": "cm"} for part in ("x", "y")}
+    log, tracked, notes = import_log(source, ROBOT, mapped(WHEELS | reference))
+    assert log.reference is not None
+    np.testing.assert_allclose(log.reference, np.column_stack([T / 100, -T / 100, np.nan * T]), atol=1e-12)
+    write_log(tmp_path / "log.csv", log, ROBOT, tracked)
+    again = read_log(tmp_path / "log.csv", ROBOT)
+    assert again.reference is not None
+    np.testing.assert_array_equal(again.reference, log.reference)
+    assert not [note for note in notes if "poses" in note]
+
+
 def test_fixes_stand_in_the_first_row_after_them_with_their_age(tmp_path):
     """Of two between the same rows the later one; those beyond the rows are left out."""
     seen = np.array([-0.5, 0.1, 0.505, 0.515, 1.21, 7.0])
@@ -419,7 +432,7 @@ POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, u
         ({"wheel_1l": {"unit": "rad", "channel": "?"}}, ["columns.wheel_1l.channel", "is still '?'"]),
         ({"wheel_1l": {"unit": "rad", "channel": "wheel1l"}}, ["columns.wheel_1l", "did you mean 'wheel_1l'"]),
         ({"wheel_1l": {"unit": "rad", "source": "other"}}, ["columns.wheel_1l.source", "'other'", "known: main"]),
-        ({"ref_psi": None}, ["columns.ref_psi", "is missing"]),
+        ({"ref_x": None}, ["columns.ref_x", "is missing"]),
         ({"ref_psi": {"channel": "yaw", "unit": "quaternion"}}, ["columns.ref_psi.channel", "four"]),
         ({"gyro_z": {"channel": "yaw", "unit": "m"}}, ["columns.gyro_z.unit", "rad/s, deg/s"]),
         ({"t": {"unit": "s"}}, ["columns.t", "no column"]),
