@@ -71,21 +71,27 @@ class MaximumLikelihoodMethod:
         }
         if found.left is not None:
             before, after = found.left
+            headed = found.headings > 0
+            of_heading = f"{np.degrees(noise.heading):.2g} deg" if headed else "without headings"
             remarks += [
                 _tracked_point(found),
-                f"reference: noise {1e3 * noise.position:.2g} mm, {np.degrees(noise.heading):.2g} deg",
+                f"reference: noise {1e3 * noise.position:.2g} mm, {of_heading}",
                 *(
                     f"{recording.name}: the reference is {1e3 * abs(ahead):.0f} ms "
                     f"{'ahead of' if ahead > 0 else 'behind'} the counts at the start, and gains {1e3 * rate:.1f} ms/s"
                     for recording, (ahead, rate) in zip(recordings, found.clocks, strict=True)
                 ),
-                f"odometry is {1e3 * before:.1f} mm (rms) off the reference before, {1e3 * after:.1f} mm after",
+                f"odometry{'' if headed else ', turned and moved to fit the positions best,'} is {1e3 * before:.1f} mm "
+                f"(rms) off the reference before, {1e3 * after:.1f} mm after",
             ]
             data |= {
-                "mount": {"x_m": x, "y_m": y, "psi_rad": yaw}
+                "mount": {"x_m": x, "y_m": y, "psi_rad": yaw if headed else None}
                 | {"standard_errors": found.mount_errors.tolist(), "seen": found.mount_seen.tolist()},
                 "clocks": [{"ahead_s": ahead, "rate": rate} for ahead, rate in found.clocks.tolist()],
-                "reference_noise": {"position_m": noise.position, "heading_rad": noise.heading},
+                "reference_noise": {
+                    "position_m": noise.position,
+                    "heading_rad": noise.heading if headed else None,
+                },
                 "odometry_rms_m": {"before": before, "after": after},
             }
         if np.isfinite(found.gyro).any():
@@ -114,8 +120,8 @@ def _gyro(found: Calibration, recordings: Sequence[Recording]) -> Iterator[str]:
 
 
 def _tracked_point(found: Calibration) -> str:
-    """Return the place of the tracked point in words; for numbers that the logs do not show, with the error of their
-    prior."""
+    """Return the place of the tracked point in words, of positions alone without its axes; for numbers that the logs do
+    not show, with the error of their prior."""
     factors, units = (1e3, 1e3, 180 / np.pi), ("mm", "mm", "deg")
     columns = zip(
         ("x", "y", "turned by"), found.mount, found.mount_errors, found.mount_seen, factors, units, strict=True
@@ -124,6 +130,7 @@ def _tracked_point(found: Calibration) -> str:
         f"{name} {value * factor:.{1 if unit == 'mm' else 2}f} ± {COVERAGE * error * factor:.2g} {unit}"
         + ("" if seen else " (not seen)")
         for name, value, error, seen, factor, unit in columns
+        if unit == "mm" or found.headings
     ]
     return f"reference: tracked point at {', '.join(parts)}"
 

@@ -172,7 +172,7 @@ def direction_of(log: Log) -> Literal["cw", "ccw"]:
     end."""
     ends = np.full((2, 3), np.nan) if log.reference is None else log.reference[[0, -1]]
     if not np.isfinite(ends).all():
-        raise Declined("has no reference at its start and end; record the true pose at both")
+        raise Declined("has no reference at its start and end; record the true pose, with its heading, at both")
     return "ccw" if ends[1, 2] > ends[0, 2] else "cw"
 
 
@@ -255,7 +255,8 @@ def _return_error(robot: RobotDescription, log: Log, direction: Literal["cw", "c
     ends = np.full((2, 3), np.nan) if log.reference is None or not len(log) else log.reference[[0, -1]]
     for place, pose in zip(("start", "end"), ends, strict=True):
         if not np.isfinite(pose).all():
-            raise Declined(f"{name} has no reference at the {place}; record the true pose at the start and the end")
+            wanted = "record the true pose, with its heading, at the start and the end"
+            raise Declined(f"{name} has no reference at the {place}; {wanted}")
     if not np.isfinite(log.wheel).all():
         raise InputError(f"{name} has wheel counts that are not finite; record the counts of every sample")
     truth = relative_pose(compose(ends[0], seat), compose(ends[1], seat))

@@ -113,6 +113,8 @@ class LogLikelihood(RollingConstraints):
         self._released = np.zeros((len(log) - 1, len(self._used)), dtype=bool)
         self._jitter = 0.0
         self._stiffness: Array | None = None
+        if self._poses.headless:
+            self._poses.guess_headings(path_of(self._twist(layout)), self._way(layout), layout.reach)
 
     def correct(self, excess: Array, play: Array | float = 0.0, latencies: Array | None = None) -> None:
         """Subtract a known excess of readings from the counts (K, s + d). play: standard deviation, in counts, of
@@ -190,6 +192,16 @@ class LogLikelihood(RollingConstraints):
         """The number of reference poses in use: dense poses are not independent."""
         return len(self._poses.used)
 
+    @property
+    def headings(self) -> int:
+        """The number of reference poses with a heading: of positions alone 0."""
+        return int(np.isfinite(self._poses.poses[:, 2]).sum())
+
+    @property
+    def guessed(self) -> Array:
+        """The reference poses (K, 3), NaN where none was taken, with headings to start from where they have none."""
+        return self._poses.guessed
+
     def acceleration(self, state: Array, clock: Array, mount: Array) -> float:
         """Return the tracked point's acceleration where reference poses in use were taken, rms, m/s2; 0 without any."""
         return float(np.linalg.norm(self._poses.accelerations(state, clock, mount)) / max(self.poses_used, 1) ** 0.5)
@@ -229,13 +241,12 @@ class LogLikelihood(RollingConstraints):
         twist, anchors = self._twist(geometry), self._poses.taken
         if len(anchors) < 2:
             return np.column_stack([self.odometry(geometry), self._counts])
-        way = np.abs(self._rolled(geometry, self._counts)).max(axis=1)
-        way = np.concatenate([[0.0], np.cumsum(way + FLOOR)])
+        way = self._way(geometry)
 
         def shared_out(errors: Array) -> Array:
             return np.column_stack([np.interp(way, way[anchors], column) for column in errors.T])
 
-        known = self._poses.poses[anchors]
+        known = self._poses.guessed[anchors]
         turned = np.concatenate([[0.0], np.cumsum(twist[:, 2])])[:, None]
         twist[:, 2:] += np.diff(shared_out(known[:, 2:] - turned[anchors]), axis=0)
         path = path_of(twist)
@@ -250,12 +261,17 @@ class LogLikelihood(RollingConstraints):
         """
         path = path_of(self._twist(geometry, slips))
         anchors = self._poses.taken[:1]
-        return compose(self._poses.poses[anchors[0]], relative_pose(path[anchors[0]], path)) if len(anchors) else path
+        return compose(self._poses.guessed[anchors[0]], relative_pose(path[anchors[0]], path)) if len(anchors) else path
 
     def ways(self, geometry: Geometry) -> tuple[Array, Array]:
-        """Return poses by odometry and by the reference (used poses, 3), where reference poses are in use."""
-        used = self._poses.used
+        """Return poses by odometry and by the reference (k, 3), where whole reference poses are in use."""
+        used = self._poses.used[np.isfinite(self._poses.poses[self._poses.used]).all(axis=1)]
         return self.odometry(geometry)[used], self._poses.poses[used]
+
+    def _way(self, geometry: Geometry) -> Array:
+        """Return how far the wheel that rolls furthest in each step has rolled until each sample (K,), m."""
+        way = np.abs(self._rolled(geometry, self._counts)).max(axis=1)
+        return np.concatenate([[0.0], np.cumsum(way + FLOOR)])
 
     def _twist(self, geometry: Geometry, slips: Array | float = 0.0) -> Array:
         """Return the body's motion (K - 1, 3) in every step, in B, from counts and slips: by least squares or, where
@@ -274,7 +290,7 @@ class LogLikelihood(RollingConstraints):
 
     def errors(self, geometry: Geometry, clock: Array, mount: Array, slips: Array | None = None) -> Array:
         """Return the error at every reference pose (poses, 3) of odometry that accounts for slips (K - 1, rows), m,
-        None: those that are expected (`expect`); aligned with the reference."""
+        None: those that are expected (`expect`); aligned with the reference. Of a position the heading's is NaN."""
         known = self._poses.taken
         at, part = self._poses.steps_of(known, clock)
         path = compose(self.odometry(geometry, self._expected if slips is None else slips), mount)

@@ -7,7 +7,7 @@ which the logs hold next to no information keep the robot file's numbers and are
 
 A reference may track any point of the body, with axes turned against the body's and a clock that is early or late. All
 of this is fitted beside the robot's parameters, so that it does not bias them; and so is how far contacts creep
-(`creep`).
+(`creep`). Where it has positions alone, the fit starts from odometry that is turned to follow them.
 """
 
 from collections.abc import Sequence
@@ -49,6 +49,11 @@ CONTRADICTION = (
     "turn or dimensions that are wrong by a factor, reference poses not in m and rad, and poses that jump"
 )
 
+ON_CIRCLES = (
+    "; or drive straights between turns: on circles alone, positions without headings hardly show how large wheels are "
+    "and how far ahead the tracked point is"
+)
+
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
@@ -61,9 +66,10 @@ class Calibration:
     when all end where they began. clocks (logs, 2): the reference at t is the pose at t + clock[0] + clock[1] (t -
     t_0), in s and s/s. gyro (logs, 2): its bias at the log's start beyond the robot file's, rad/s, and its latency, s;
     NaN where a log has none. gyro_scale: by which it reads too much, as a part. poses: how many reference poses the
-    logs hold. left: rms distance (m) between odometry, which starts at the most likely pose at a log's first reference
-    pose, and the reference, before and, accounting for creep, after; None without a reference. creeps: whether contacts
-    creep: not where wheels hardly slip, or creep is left out; creep_left_out: why; "" if it is not.
+    logs hold; headings: how many of these have one. left: rms distance (m) between the reference and odometry, moved
+    and turned as a whole to come nearest to it, before and, accounting for creep, after; None without a reference.
+    creeps: whether contacts creep: not where wheels hardly slip, or creep is left out; creep_left_out: why; "" if it is
+    not.
     """
 
     robot: RobotDescription
@@ -80,6 +86,7 @@ class Calibration:
     gyro: Array
     gyro_scale: float
     poses: int
+    headings: int
     left: tuple[float, float] | None
     creeps: bool
     creep_left_out: str
@@ -128,7 +135,7 @@ def calibrate(
     names = names or [f"log {number}" for number in range(1, len(logs) + 1)]
     logs, turn = straightened(described, logs)
     models = [LogLikelihood(described, log, k) for k, log in enumerate(logs)]
-    poses = sum(model.poses for model in models)
+    poses, headings = (sum(getattr(model, what) for model in models) for what in ("poses", "headings"))
     _check(robot, logs, names, parameters)
     with_gyro = any(model.gyro_steps for model in models)
     scale_of_gyro = robot.gyro.scale_tolerance if robot.gyro is not None and with_gyro else 0.0
@@ -145,12 +152,13 @@ def calibrate(
     except (np.linalg.LinAlgError, ValueError):
         raise InputError(CONTRADICTION.format(robot.name, "")) from None
     strange = _strange(Noise() if noise else sizes, at.mount, described)  # noise that is known is no finding
+    contradiction = CONTRADICTION + ("" if headings or not poses else ON_CIRCLES)
     if strange:
-        raise InputError(CONTRADICTION.format(robot.name, f" but with {', '.join(strange)}"))
+        raise InputError(contradiction.format(robot.name, f" but with {', '.join(strange)}"))
     if not solution.seen.any():
         raise Declined(_nothing(robot, poses))
     if solution.moved > 1.0:
-        raise InputError(CONTRADICTION.format(robot.name, ""))
+        raise InputError(contradiction.format(robot.name, ""))
     way, variance = solution.way[:, solution.seen], 1 / solution.strength[solution.seen]
     return Calibration(
         robot=robot,
@@ -167,6 +175,7 @@ def calibrate(
         gyro=np.array([_gyro(model, state, sizes) for model, state in zip(models, at.states, strict=True)]),
         gyro_scale=float(at.gyro_scale.sum()),
         poses=poses,
+        headings=headings,
         left=_left(models, [geometry_with(described, parameters, v) for v in (before, at.found)], at),
         creeps=len(at.factors) > 0,
         creep_left_out=left_out,
@@ -317,5 +326,6 @@ def _nothing(robot: RobotDescription, poses: int) -> str:
         return "the logs show none of the robot's numbers; drive at least a metre, and turn, between reference poses"
     return (
         f"without reference poses nothing is observable of robot {robot.name!r}: its encoders cannot contradict each "
-        "other, or did not move enough to; give logs with ref_x, ref_y and ref_psi, at least at start and end"
+        "other, or did not move enough to; give logs with ref_x, ref_y and ref_psi, at least at start and end, or with "
+        "ref_x and ref_y on the way"
     )

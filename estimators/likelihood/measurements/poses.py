@@ -1,14 +1,18 @@
 """Reference poses of one log: off by independent errors, where and when they were taken.
 
 Their clock may be early or late, and fast or slow. Without any pose the first one of the state is 0, by convention.
+Positions without a heading have no equation of it. Where no heading is known at all, that of the first position is
+expected as the path by odometry has it once it follows the positions, and may be far off that (`NORTH`): it then stays
+determined where a robot hardly moves.
 """
 
 import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
+from castor_envs.geometry.positions import headings_along
 from castor_envs.geometry.se2 import compose
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, positions_taken
 from estimators.likelihood.elimination import Prior, Rows
 
 TIMED = 5
@@ -25,6 +29,10 @@ to it."""
 
 PINNED = 1e-4
 """m and rad: without reference poses the first one is 0 by convention, to this much."""
+
+NORTH = 1.0
+"""rad: prior standard deviation of the heading at the first of positions without any heading; wide enough not to
+matter where the robot drives further than positions are off."""
 
 APART, DENSE = 3.0, 0.5
 """s: of reference poses that follow each other faster than `DENSE`, as a tracker streams them, one in `APART` is used.
@@ -44,16 +52,33 @@ RATE_KNOWN = 1e-6
 class ReferencePoses:
     """The reference poses of a log, and those of them that are in use: dense poses are not independent.
 
-    poses (K, 3): as in the log, NaN where none was taken. taken: the samples that have one. used: those in use.
+    poses (K, 3): as in the log, NaN where none was taken. taken: the samples that have one, or a position. used: those
+    in use. guessed (K, 3): the poses with headings to start from where they have none (`guess_headings`).
     """
 
     def __init__(self, log: Log, counts: Array) -> None:
         """counts (K, c): of all encoders, which tell where the robot rests at the log's ends."""
         self._t = log.t
         self.poses = np.full((len(log), 3), np.nan) if log.reference is None else log.reference
-        self.taken: NDArray[np.intp] = np.flatnonzero(np.isfinite(self.poses[:, 0]))
+        self.taken, self.guessed = positions_taken(log), self.poses
         self.used = _apart(self.taken, log.t)
+        self._headed = np.flatnonzero(np.isfinite(self.poses[self.used, 2]))
+        self._north = len(self.taken) > 0 and bool(np.isnan(self.poses[self.taken, 2]).all())
         self._rests = tuple(bool(np.ptp(part, axis=0).max() <= 1) for part in (counts[:REST], counts[-REST:]))
+
+    @property
+    def headless(self) -> bool:
+        """Whether there are positions without a heading."""
+        return bool(np.isnan(self.poses[self.taken, 2]).any())
+
+    def guess_headings(self, path: Array, way: Array, size: float) -> None:
+        """Set headings to start from where there are none. path (K, 3): by odometry. way (K,): rolled until each
+        sample, m, increasing. size: of the robot, m."""
+        heading = headings_along(path[self.used], self.poses[self.used], way[self.used], size)
+        turn = np.interp(way[self.taken], way[self.used], heading - path[self.used, 2])
+        self.guessed = self.poses.copy()
+        guesses = np.where(np.isnan(self.poses[self.taken, 2]), path[self.taken, 2] + turn, self.poses[self.taken, 2])
+        self.guessed[self.taken, 2] = guesses
 
     def clock_prior(self, rate: float | None) -> Prior:
         """Return the prior of the clock: offset, s, and rate, s/s; `rate`: its rate, if it is known."""
@@ -70,17 +95,22 @@ class ReferencePoses:
         if not len(self.taken):
             return {"pinned": np.full((1, 3), 1 / PINNED)}
         rate = jitter * np.gradient(state[:, :3], self._t, axis=0)[self.used]
-        return {"position": 1 / np.hypot(position, rate[:, :2]), "heading": 1 / np.hypot(heading, rate[:, 2:])}
+        weights = {"position": 1 / np.hypot(position, rate[:, :2])}
+        weights["heading"] = 1 / np.hypot(heading, rate[self._headed, 2:])
+        return weights | ({"north": np.full((1, 1), 1 / NORTH)} if self._north else {})
 
     def off(self, state: Array, clock: Array, mount: Array) -> dict[str, Array]:
-        """Return by how much a state is off the poses in use, m and rad: "position" (k, 2) and "heading" (k, 1), or
-        without poses "pinned" (1, 3). clock (2,): offset, s, and rate; mount (3,): the tracked point."""
+        """Return by how much a state is off the poses in use, m and rad: "position" (k, 2), "heading" (h, 1) of those
+        that have one and, where none has, "north" (1, 1); or without poses "pinned" (1, 3). clock (2,): offset, s, and
+        rate; mount (3,): the tracked point."""
         if not len(self.taken):
             return {"pinned": state[:1, :3]}
         at, part, known = self._shown(clock)
         off = compose((1 - part) * state[at, :3] + part * state[at + 1, :3], mount)
         off = known * (off - self.poses[self.used])
-        return {"position": off[:, :2], "heading": off[:, 2:]}
+        of_poses = {"position": off[:, :2], "heading": off[self._headed, 2:]}
+        first = self.taken[:1]
+        return of_poses | ({"north": state[first, 2:3] - self.guessed[first, 2:3]} if self._north else {})
 
     def rows(
         self,
@@ -118,10 +148,13 @@ class ReferencePoses:
         numbers = np.concatenate([by_effects, by_mount, by_clock, independent], axis=-1)
         parts = ((1 - part)[..., None] * by_body, part[..., None] * by_body, numbers)
         kinds = {}
-        for name, axes in (("position", slice(0, 2)), ("heading", slice(2, 3))):
-            weight = (weights[name] * known)[..., None]
-            start, end, by_numbers = ((weight * slope[:, axes]).__getitem__ for slope in parts)
-            kinds[name] = Rows(at, values[name], start, end, by_numbers)
+        every = np.arange(len(at))
+        for name, axes, of in (("position", slice(0, 2), every), ("heading", slice(2, 3), self._headed)):
+            weight = (weights[name] * known[of])[..., None]
+            start, end, by_numbers = ((weight * slope[of, axes]).__getitem__ for slope in parts)
+            kinds[name] = Rows(at[of], values[name], start, end, by_numbers)
+        if self._north:
+            kinds["north"] = Rows(self.taken[:1], values["north"], (eye[None, 2:3] / NORTH).__getitem__)
         return kinds
 
     def accelerations(self, state: Array, clock: Array, mount: Array) -> Array:

@@ -269,7 +269,7 @@ def cut(log, samples):
 @pytest.mark.parametrize(
     ("logs", "directions", "message"),
     [
-        (changed(reference=None), WAYS, "log 2 has no reference at the start; record the true pose at the start and"),
+        (changed(reference=None), WAYS, "log 2 has no reference at the start; record the true pose, with its heading"),
         (changed(reference=blank(0)), WAYS, "log 2 has no reference at the start"),
         (changed(reference=blank(8)), WAYS, "log 2 has no reference at the end"),
         (changed(wheel=np.full((9, 2), np.inf)), WAYS, "log 2 has wheel counts that are not finite"),
