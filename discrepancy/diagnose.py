@@ -60,5 +60,5 @@ def _fit(diagnosis: RobotDiagnosis, logs: Logs, before: Linearised) -> Fit:
 
 
 def _replay(robot: RobotDescription, logs: Logs, seen: Linearised) -> Replay:
-    fitted = zip(logs.values(), seen.state.clocks, strict=True)
-    return joined([replay(robot, log, clock=clock, mount=seen.state.mount) for log, clock in fitted])
+    mount, fitted = seen.state.mount, zip(logs.values(), seen.state.clocks, seen.state.states, strict=True)
+    return joined([replay(robot, log, clock=clock, mount=mount, path=path) for log, clock, path in fitted])

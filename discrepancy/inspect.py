@@ -6,11 +6,14 @@ import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import Log, poses_taken
+from castor_envs.logs.log import Log, positions_taken
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight.checks import wheel_steps
 from discrepancy.validation.parity import BLIND, Parity
 from estimators.likelihood.measurements.gyro_check import gyro_against_wheels
+
+POSE = (("ref_x", "m"), ("ref_y", "m"), ("ref_psi", "rad"))
+"""Columns of a reference pose, and their units."""
 
 FORMAT, DIGITS = "castor-inspect/1", 9
 """Name of the format, and decimals of its numbers."""
@@ -83,15 +86,16 @@ def _channels(robot: RobotDescription, log: Log) -> list[dict[str, Any]]:
 
 
 def _reference(log: Log) -> Array:
-    """Return the reference poses (k, 3) that were taken."""
-    return np.zeros((0, 3)) if log.reference is None else log.reference[poses_taken(log)]
+    """Return the reference poses (k, 3) that were taken, NaN where one has no heading."""
+    return np.zeros((0, 3)) if log.reference is None else log.reference[positions_taken(log)]
 
 
 def _pose_channels(poses: Array) -> list[dict[str, Any]]:
-    """Return range and largest step, from one pose to the next, of ref_x, ref_y and ref_psi."""
-    steps = np.abs(np.diff(poses, axis=0, prepend=poses[:1]))
-    parts = zip(("ref_x", "ref_y", "ref_psi"), ("m", "m", "rad"), poses.T, steps.T, strict=True)
-    return [_channel(name, unit, values, step) for name, unit, values, step in parts]
+    """Return range and largest step, from one pose to the next, of ref_x, ref_y and, if there is one, ref_psi."""
+    columns = ((values[np.isfinite(values)], part) for values, part in zip(poses.T, POSE, strict=True))
+    return [
+        _channel(*part, values, np.abs(np.diff(values, prepend=values[:1]))) for values, part in columns if len(values)
+    ]
 
 
 def _channel(name: str, unit: str, values: Array, steps: Array, at_most: float | None = None) -> dict[str, Any]:

@@ -17,6 +17,9 @@ taken for straight: on circles, a point elsewhere on the body looks the same."""
 AGREED = 0.01
 """The share of squares up to which ways agree well enough to determine how the tracker is turned."""
 
+STEPS = 6
+"""Steps of Gauss and Newton's method by which a tracked point and the turns of ways without headings are found."""
+
 FIRM = 1e-3
 """Of the squares of the ways: doubt that a tracked point so far from the origin as `size` costs."""
 
@@ -38,6 +41,30 @@ def turn_of_tracker(ways: Sequence[tuple[Array, Array]], size: float) -> float:
     if abs(turn) <= TURNED or turned > AGREED or straight <= STRAIGHT * max(turned, LEAST):
         return 0.0
     return turn
+
+
+def fit_positions(moved: Array, arm: Array, seen: Array, size: float, weight: Array) -> tuple[Array, Array]:
+    """Return the squares (V,) of by how much ways of a point on a body and those seen differ, m2, where it is mounted,
+    and each way turned, as fits best: of positions, which show no heading; and those of the point's ways (V,).
+
+    moved, seen (V, L): the L legs of each way, m, as complex numbers, of the body in its axes at the start, and of the
+    point. arm (V, L): how far a point 1 m ahead moves by the body's turning. size, weight: see `fit_mount`.
+    """
+    squares = np.sum(np.abs(seen) ** 2, axis=1)
+    doubt = (FIRM * (weight @ squares) / size**2 + 1e-12) * np.eye(2)
+
+    def turned(ways: Array) -> Array:
+        return seen * np.exp(-1j * np.angle(np.sum(np.conj(ways) * seen, axis=1, keepdims=True)))
+
+    ways = moved
+    for _ in range(STEPS):
+        fitting = turned(ways)
+        columns = np.stack([arm, 1j * arm, fitting - moved])
+        by_turn = np.sum(np.conj(1j * fitting) * columns, axis=-1).real / np.maximum(squares, np.finfo(float).tiny)
+        columns -= by_turn[..., None] * 1j * fitting  # what no further turn of each way does
+        products = np.einsum("v,avl,bvl->ab", weight, np.conj(columns), columns).real
+        ways = moved + arm * (np.linalg.solve(products[:2, :2] + doubt, products[:2, 2]) @ [1, 1j])
+    return np.sum(np.abs(ways - turned(ways)) ** 2, axis=1), np.sum(np.abs(ways) ** 2, axis=1)
 
 
 def fit_mount(moved: Array, seen: Array, size: float, weight: Array) -> tuple[float, Array, Array]:

@@ -11,7 +11,7 @@ from castor_envs.logs.columns import listed
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.train import TrainDescription
 from discrepancy.commands.given import TRAIN_FILE, Logs, Robot, logs_of, tell, vehicle_of
-from discrepancy.inspect import inspect_logs
+from discrepancy.inspect import POSE, inspect_logs
 
 
 def inspect(
@@ -44,7 +44,9 @@ def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
         f"sample period {period['median']:.6g} s ({period['smallest']:.6g} to {period['largest']:.6g}), "
         f"declared {period['declared']:.6g} s"
     )
-    yield f"reference poses: {entry['reference_rows'] or 'none'}; commands: {'yes' if entry['commands'] else 'none'}"
+    headless = entry["reference"] and len(entry["reference"]) < len(POSE)
+    poses = f"{entry['reference_rows'] or 'none'}{', positions without headings' if headless else ''}"
+    yield f"reference poses: {poses}; commands: {'yes' if entry['commands'] else 'none'}"
     if entry["unknown_columns"]:
         yield f"columns that the robot does not explain: {listed(entry['unknown_columns'])}"
     if entry["constant"]:

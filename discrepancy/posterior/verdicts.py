@@ -106,7 +106,8 @@ def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
     """
     if before.gap is None or after.gap is None or after.gap[0] - before.gap[0] <= material.position:
         return False
-    was, now = (np.linalg.norm(np.divide(gap, np.maximum(material, 1e-12))) for gap in (before.gap, after.gap))
+    gaps = np.nan_to_num([before.gap, after.gap])  # of positions alone the heading does not count
+    was, now = np.linalg.norm(gaps / np.maximum(material, 1e-12), axis=1)
     return bool(now > was)
 
 

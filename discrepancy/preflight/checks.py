@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
-from castor_envs.logs.log import Log, poses_taken
+from castor_envs.logs.log import Log, poses_taken, positions_taken
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.sufficient import SHORT
 from estimators.likelihood.channels import Channels
@@ -145,7 +145,10 @@ def _fast(robot: RobotDescription, log: Log) -> Iterator[str]:
 
 
 def _reference(log: Log) -> Iterator[str]:
-    taken = poses_taken(log)
+    taken = positions_taken(log)
+    if blank := taken.size - poses_taken(log).size:
+        of = "has no headings" if blank == taken.size else f"has no heading in {blank} of {taken.size} rows"
+        yield f"the reference {of}: odometry is turned as its positions show, and compared with these alone"
     if taken.size < 2:
         yield "no reference poses: encoders can only contradict each other, and scale is not observable"
         return
@@ -161,7 +164,8 @@ def _reference(log: Log) -> Iterator[str]:
 def _repeated(log: Log, taken: NDArray[np.intp]) -> Iterator[str]:
     """Yield where the reference repeats a pose while wheels turn; taken: the rows with a pose."""
     assert log.reference is not None
-    moved, turning = ((np.diff(of[taken], axis=0) != 0).any(axis=1) for of in (log.reference, _counts(log)))
+    poses = np.nan_to_num(log.reference[taken])
+    moved, turning = ((np.diff(of, axis=0) != 0).any(axis=1) for of in (poses, _counts(log)[taken]))
     again = ~moved & turning
     repeated = np.count_nonzero(again)
     if repeated < REPEATED:  # a robot may be back where it was

@@ -42,6 +42,12 @@ REFERENCE = (
 )
 """Of the reference: mistake, remedy, and factors."""
 
+POSITIONS = (
+    *(mistake for mistake in REFERENCE if "psi" not in mistake[2]),
+    ("the reference is seen in a mirror (y to the right)", "change the sign of ref_y", {"y": REVERSED}),
+)
+"""The same of positions without headings."""
+
 
 @dataclass(frozen=True, eq=False)
 class Misreading:
@@ -85,8 +91,10 @@ class Table:
     columns and their name. pivots: number of columns of pivots, which come first.
     """
 
-    def __init__(self, robot: RobotDescription) -> None:
+    def __init__(self, robot: RobotDescription, headed: bool = True) -> None:
+        """headed: whether the reference has headings."""
         self._robot, self._channels = robot, (channels := Channels(robot))
+        self._reference = REFERENCE if headed else POSITIONS
         self.pivots, self.nominal = len(channels.sensed), np.eye(len(channels.names) + 4)
         of_castor = channels.geometry.wheel_castor[channels.driven] + 1
         groups = {f"the wheels of castor {i}": np.flatnonzero(of_castor == i) + self.pivots for i in of_castor}
@@ -183,7 +191,7 @@ class Table:
                 reading = self.multiplied(columns.tolist(), turn / self._channels.per_rev[columns])
                 remedy = f"give counts: multiply by counts a turn over {turn:.5g}"
                 yield Misreading(f"{name} are given in {unit}, not in counts", reading, remedy)
-        for what, remedy, by in REFERENCE:
+        for what, remedy, by in self._reference:
             columns = [{"x": -4, "y": -3, "psi": -2}[part] for part in by]
             yield Misreading(what, self.multiplied(columns, np.array(list(by.values()))), remedy)
 

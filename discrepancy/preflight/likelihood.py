@@ -8,7 +8,8 @@ observation, with the mean of their costs. Observations are:
 - encoders against each other: what no rigid motion of the body on its wheels gives (`castor_envs.motion.kinematics`:
   rolling, and no side slip);
 - odometry against the reference, after fitting where this is mounted and how it is turned: a pose has three numbers, so
-  it costs twice as much (`POSE`);
+  it costs twice as much (`POSE`). Without headings, odometry between three positions in succession is turned as it fits
+  best, window by window, which leaves three numbers of the two ways;
 - each motor against its command. A motor turns its own wheel or castor, whatever its encoder is connected to. How well
   it obeys shows in the encoder that follows it best; another costs the logarithm of how many times as much it leaves.
 
@@ -18,15 +19,16 @@ and reference cost no more under any reading than as read.
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.geometry.mounting import TURNED, fit_mount
+from castor_envs.geometry.mounting import TURNED, fit_mount, fit_positions
 from castor_envs.geometry.se2 import relative_pose, rotate
-from castor_envs.logs.log import Log, poses_taken
+from castor_envs.logs.log import Log, poses_taken, positions_taken
 from castor_envs.motion.kinematics import constraint_matrix
 from castor_envs.motion.mobility import RANK, rows_in_use
 from castor_envs.vehicles.robot import RobotDescription
@@ -65,25 +67,30 @@ class WiringLikelihood:
     """The likelihood of some logs of one robot under any reading of them, in S steps of V windows.
 
     dead: columns of encoders that never change, and are left out. sees: whether there is enough motion for encoders and
-    reference to contradict anything. sees_poses: whether there are enough reference poses.
+    reference to contradict anything. sees_poses: whether there are enough reference poses. headed: whether these have
+    headings; without any, positions are taken instead.
     """
 
     def __init__(self, robot: RobotDescription, logs: Sequence[Log], dead: frozenset[int] = frozenset()) -> None:
         self._channels, self._dead, self.sees, self.sees_poses = Channels(robot), sorted(dead), False, False
         self._geometry, self._size = self._channels.geometry, self._channels.geometry.reach
         self._columns, self._pivots = len(self._channels.names), len(self._channels.sensed)
+        positions = any(len(positions_taken(log)) for log in logs)
+        self.headed = not positions or any(len(poses_taken(log)) for log in logs)
         found = [window for number, log in enumerate(logs) for window in self._windows(robot, number, log)]
         if not found:
             return
         chosen = (found[k] for k in np.unique(np.linspace(0, len(found) - 1, MOST).astype(int)))
-        counts, *others = zip(*chosen, strict=True)
+        counts, legs, *others = zip(*chosen, strict=True)
         self._at, self._poses, self._told = map(np.array, others)
         self._start, self._end = (np.concatenate([each[ends] for each in counts]) for ends in (np.s_[:-1], np.s_[1:]))
         self._first = np.cumsum([0, *(len(each) - 1 for each in counts[:-1])])
-        self._posed = np.isfinite(self._poses).all(axis=(1, 2))
+        self._legs = self._first[:, None] + np.array(legs)
+        self._posed = np.isfinite(self._poses[..., : 3 if self.headed else 2]).all(axis=(1, 2))
         self._constraints = lru_cache(maxsize=4)(self._constraints_at)  # most readings differ in wheels alone
         nominal = np.eye(self._columns + 4)
-        a = self._rolled(nominal)[0][0]
+        (a, *_), _, motion = self._rolled(nominal)
+        self._turned_as_read = np.abs(np.add.reduceat(motion[:, 2], self._legs.ravel()).reshape(self._legs.shape))
         redundant = bool(len(a) > np.linalg.matrix_rank(a, tol=RANK))
         self.sees_poses = len(a) > 0 and int(self._posed.sum()) >= WINDOWS
         self.sees = self.sees_poses or (redundant and len(counts) >= WINDOWS)
@@ -167,9 +174,11 @@ class WiringLikelihood:
         """Return the squares of odometry's errors and of the ways (P,), m2, between poses, and the reference's turn."""
         turns = np.cumsum(motion[:, 2])
         steps = rotate(motion[:, :2], turns - motion[:, 2] / 2)
+        poses = self._poses[self._posed] * np.diag(undo)[self._columns : -1]
+        if not self.headed:
+            return *self._against_positions(motion[:, 2], steps, turns, poses[..., :2] @ [1, 1j]), 0.0
         moved = rotate(np.add.reduceat(steps, self._first), (motion[:, 2] - turns)[self._first])
         moved = np.column_stack([moved, np.add.reduceat(motion[:, 2], self._first)])[self._posed]
-        poses = self._poses[self._posed] * np.diag(undo)[self._columns : -1]
         seen, scale = relative_pose(poses[:, 0], poses[:, 1]), np.array([1, 1, self._size])
         sizes = np.sum((moved * scale) ** 2 + (seen * scale) ** 2, axis=1) / 2
         off_heading = (self._size * (moved[:, 2] - seen[:, 2])) ** 2
@@ -183,6 +192,23 @@ class WiringLikelihood:
             return turned, sizes, turn
         return straight, sizes, 0.0
 
+    def _against_positions(self, turn: Array, steps: Array, turns: Array, positions: Array) -> tuple[Array, Array]:
+        """Return the squares of odometry's errors and of the ways (P,), m2, of the tracked point between positions
+        (P, 3), as complex numbers.
+
+        turn (S,): in each step, rad; turns: their sums. steps (S, 2): ways, in axes that are the body's at the first.
+        """
+        shape, ahead = self._legs.shape, np.exp(1j * (turn - turns)[self._first])[:, None]
+        moved = (np.add.reduceat(steps @ [1, 1j], self._legs.ravel()).reshape(shape) * ahead)[self._posed]
+        turned = np.add.reduceat(turn, self._legs.ravel()).reshape(shape)[self._posed]
+        arm, seen = np.diff(np.exp(1j * np.cumsum(turned, axis=1)), prepend=1.0), np.diff(positions)
+        spun = np.minimum(np.abs(turned), self._turned_as_read[self._posed])  # no reading gains by one that spins
+        sizes_seen = np.sum(np.abs(seen) ** 2 + 2 * (self._size * spun) ** 2, axis=1)
+        error, ways = fit_positions(moved, arm, seen, self._size, np.ones(len(moved)))
+        weight = 1 / (1 + error / _usual((ways + sizes_seen) / 2))
+        error, ways = fit_positions(moved, arm, seen, self._size, weight)
+        return error, (ways + sizes_seen) / 2
+
     def _left(self, steps: Array) -> Array:
         """Return the part of the squares of what encoders turn (S, c) that motors' commands leave (motors, c).
 
@@ -195,9 +221,12 @@ class WiringLikelihood:
         explained = np.where(followed[:, 0] > 0, np.sum(product * followed, axis=1), 0.0)
         return 1.0 - explained / size.clip(np.finfo(float).tiny)
 
-    def _windows(self, robot: RobotDescription, number: int, log: Log) -> Iterator[tuple[Array, Array, Array, Array]]:
-        """Yield the windows of a log in which encoders count: the counts at the ends of steps (k, c); the number of the
-        log, the first and last row (3,); the reference's poses there (2, 3), NaN without; by how much the motor of each
+    def _windows(
+        self, robot: RobotDescription, number: int, log: Log
+    ) -> Iterator[tuple[Array, list[int], Array, Array, Array]]:
+        """Yield the windows of a log in which encoders count: the counts at the ends of steps (k, c); the steps with
+        which its legs begin, of which it has two where there are no headings; the number of the log, the first and last
+        row (3,); the reference's poses at the ends of legs (legs + 1, 3), NaN without; by how much the motor of each
         encoder was to turn, and its speed to change (2, c), NaN where nobody said."""
         counts, steps = np.column_stack([log.pivot, log.wheel]), np.diff(log.t)
         poses = np.full((len(log), 3), np.nan) if log.reference is None else log.reference
@@ -208,16 +237,22 @@ class WiringLikelihood:
             for i, column in zip(robot.driven_castors, log.steering_command.T, strict=True):
                 told[:, np.flatnonzero(self._channels.sensed == i)] = column[:, None]
         turns = np.where(steps > GAP * period, np.nan, steps)[:, None] * told[:-1]
-        for a, b in _ends(log):
-            rows = np.append(np.arange(a, b, max(1, round(STEP / period))), b)
+        ends = list(_ends(log, poses_taken(log) if self.headed else positions_taken(log)))
+        if not self.headed:
+            ends = [(a, b, c) for (a, b), (again, c) in pairwise(ends) if again == b]
+        for marks in ends:
+            legs = [np.arange(*leg, max(1, round(STEP / period))) for leg in pairwise(marks)]
+            (a, b), rows = (marks[0], marks[-1]), np.append(np.concatenate(legs), marks[-1])
             if np.ptp(counts[rows], axis=0).any():
                 commands = np.array([turns[a:b].sum(axis=0), told[b - 1] - told[a]])
-                yield counts[rows], np.array([number, a, b]), poses[[a, b]], commands
+                begin = [0, *(len(leg) for leg in legs[:-1])]
+                yield counts[rows], begin, np.array([number, a, b]), poses[list(marks)], commands
 
 
-def _ends(log: Log) -> Iterator[tuple[int, int]]:
-    """Yield the first and last rows of windows: of `WINDOW` s, or from pose to pose, if the next comes soon after."""
-    taken, a = poses_taken(log), 0
+def _ends(log: Log, taken: NDArray[np.intp]) -> Iterator[tuple[int, ...]]:
+    """Yield the first and last rows of windows: of `WINDOW` s, or from pose to pose, if the next comes soon after.
+    taken: the rows with a pose."""
+    a = 0
     while True:
         b = int(np.searchsorted(log.t, log.t[a] + WINDOW - RANK))  # which is far below a period
         k = np.searchsorted(taken, b if a in taken else a + 1)

@@ -51,7 +51,7 @@ def search(robot: RobotDescription, likelihood: WiringLikelihood) -> tuple[Expla
     other, so that neither helps alone. Last come pivots' counts per turn, and small errors of their zeros and of
     wheels' counts per turn, which take longest; if such an error is about as likely as any mistake, none is returned.
     """
-    table = Table(robot)
+    table = Table(robot, likelihood.headed)
     nominal = Explanation((), table.nominal, likelihood.of(table.nominal))
     found = {table.nominal.tobytes(): nominal}
 

@@ -111,8 +111,14 @@ def _gap_notes(data: Data) -> Iterator[str]:
     if not _gap(data):
         yield "There are no reference poses: odometry's gap is not measured."
     elif noise := data["noise"]:
-        position, heading = (number(noise[key], MILLI, 2) for key in ("position_m", "heading_rad"))
-        yield f"The reference itself is uncertain by {position} mm and {heading} mrad."
+        parts = [(noise[key], unit) for key, unit in (("position_m", "mm"), ("heading_rad", "mrad"))]
+        uncertain = " and ".join(f"{number(part, MILLI, 2)} {unit}" for part, unit in parts if part is not None)
+        yield f"The reference itself is uncertain by {uncertain}."
+        if noise["heading_rad"] is None:
+            yield (
+                "It has no headings: odometry is turned and moved as a whole to come nearest to its positions, and is "
+                "compared with them alone."
+            )
     if _gap(data) and data["clean_gap"]:
         yield f"In the clean logs it is {sentences.off(data['clean_gap'])}."
 
@@ -132,8 +138,9 @@ def _replay_notes(replay: Data) -> Iterator[str]:
     notes = [f"{note[:1].upper()}{note[1:]}." for note in summary["notes"]]
     noise = summary.get("expected")
     if noise and noise["position_rms_mm"] is not None:
-        position, heading = (number(noise[key], 1, 2) for key in ("position_rms_mm", "heading_rms_mrad"))
-        notes.append(f"The reference's own noise alone leaves {position} mm and {heading} mrad.")
+        parts = [(noise[key], unit) for key, unit in (("position_rms_mm", "mm"), ("heading_rms_mrad", "mrad"))]
+        left = " and ".join(f"{number(part, 1, 2)} {unit}" for part, unit in parts if part is not None)
+        notes.append(f"The reference's own noise alone leaves {left}.")
     yield (
         f"The full simulation was driven by {how[summary['drive']]} in "
         f"{number(summary['windows'])} windows of {number(summary['window_s'], 1, 1)} s, each from where the "

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -132,7 +133,8 @@ def _replay_data(these: Fit, held_out: Fit | None = None) -> Data | None:
     replays = [None if replay is None else replay.summary() for pair in pairs for replay in pair]
     data: Data = dict(zip(keys, replays, strict=True))
     if (best := these.best[1]).gap is not None:
-        data["before"]["expected"] = these.replays[0].expected(best.noise.position, best.noise.heading)
+        heading = None if math.isnan(best.gap[1]) else best.noise.heading
+        data["before"]["expected"] = these.replays[0].expected(best.noise.position, heading)
     return data
 
 

@@ -97,19 +97,23 @@ def drift(groups: Mapping[str, tuple[Sequence[Errors], Sequence[Errors]]]) -> Pi
         return None
     gaps = {title: [gap_of(log.off for log in errors) for errors in pair] for title, pair in seen.items()}
     rms = {title: [f"{MILLI * gap[0]:.2f} mm" for gap in pair if gap] for title, pair in gaps.items()}
-    with _drawing(3.8) as figure:
-        grid = figure.subplots(2, len(seen), squeeze=False, sharex="col", sharey="row")
-        for (title, pair), (position, heading) in zip(seen.items(), grid.T, strict=True):
+    headed = any(np.isfinite(errors.off[:, 2]).any() for pair in seen.values() for errors in pair[0])
+    with _drawing(3.8 if headed else 2.4) as figure:
+        grid = figure.subplots(2 if headed else 1, len(seen), squeeze=False, sharex="col", sharey="row")
+        for (title, pair), (position, *headings) in zip(seen.items(), grid.T, strict=True):
             for several, color, label in zip(pair, (BEFORE, AFTER), STATES, strict=True):
                 for k, (way, off) in enumerate(several):
                     away = MILLI * np.hypot(off[:, 0], off[:, 1])
                     position.plot(way, away, color=color, label="_" if k else label)
-                    heading.plot(way, MILLI * off[:, 2], color=color)
-            heading.set_xlabel(f"driven, m ({title})" if len(seen) > 1 else "driven, m")
+                    for heading in headings:
+                        heading.plot(way, MILLI * off[:, 2], color=color)
+            lowest = [position, *headings][-1]
+            lowest.set_xlabel(f"driven, m ({title})" if len(seen) > 1 else "driven, m")
             position.set_title(f"rms {', then '.join(rms[title])}", loc="right", fontsize="small", color=_hex(FADED))
         grid[0, 0].set_ylim(bottom=0)
         grid[0, 0].set_ylabel("position off by, mm")
-        grid[1, 0].set_ylabel("heading, mrad")
+        if headed:
+            grid[1, 0].set_ylabel("heading, mrad")
         figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=2, handlelength=1.4)
     found = any(mended for _, mended in seen.values())
     said = "; ".join(f"{title}, {' and '.join(values)} rms" for title, values in rms.items())

@@ -32,6 +32,8 @@ def as_data(
     linearised without and, if anything is named, with it. mistakes: gross ones, undone in the logs.
     """
     noise, gross = (seen[1] or seen[0]).noise, [_mistake(mistake) for mistake in mistakes]
+    gap = _gap(seen[0].gap)
+    heading = noise.heading if gap is not None and gap[1] is not None else None
     return {
         "format": FORMAT,
         "robot": diagnosis.robot.name,
@@ -43,8 +45,8 @@ def as_data(
         "names": _names(diagnosis),
         "gap": _gaps(*seen),
         "held_out_gap": None if held_out is None else _gaps(*held_out),
-        "clean_gap": None if diagnosis.clean_gap is None else list(diagnosis.clean_gap),
-        "noise": None if seen[0].gap is None else {"position_m": noise.position, "heading_rad": noise.heading},
+        "clean_gap": _gap(diagnosis.clean_gap),
+        "noise": None if gap is None else {"position_m": noise.position, "heading_rad": heading},
         **dict(zip(("logs", "held_out_logs", "clean_logs"), map(list, logs), strict=True)),
         "replay": None,
         "where": None,
@@ -125,4 +127,9 @@ def _gaps(before: Seen, after: Seen | None) -> list[list[float] | None] | None:
     """Return the gap, m and rad, without and with what is named."""
     if before.gap is None:
         return None
-    return [list(before.gap), None if after is None or after.gap is None else list(after.gap)]
+    return [_gap(before.gap), None if after is None else _gap(after.gap)]
+
+
+def _gap(gap: tuple[float, float] | None) -> list[float | None] | None:
+    """Return a gap, m and rad, None where no heading is known."""
+    return None if gap is None else [None if np.isnan(part) else part for part in gap]

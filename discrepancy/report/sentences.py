@@ -101,10 +101,10 @@ def gaps_of(data: Data) -> list[str]:
     return lines
 
 
-def _parts(before: Sequence[float], after: Sequence[float]) -> str:
-    """Return the parts of a gap that stay, in position and in heading."""
-    parts = [f"{PERCENT * now / was:.0f} %" if was > 0 else "all" for was, now in zip(before, after, strict=True)]
-    return " and ".join(parts)
+def _parts(before: Sequence[float | None], after: Sequence[float | None]) -> str:
+    """Return the parts of a gap that stay, in position and, where it is known, in heading."""
+    pairs = [(was, now) for was, now in zip(before, after, strict=True) if was is not None and now is not None]
+    return " and ".join(f"{PERCENT * now / was:.0f} %" if was > 0 else "all" for was, now in pairs)
 
 
 def stays(data: Data) -> str:
@@ -125,9 +125,12 @@ def unfound(data: Data) -> str:
     what the reference's own noise makes, and than in clean logs; else nothing."""
     if material(data) or data["mistakes"] or data["noise"] is None:
         return ""
-    usual = [max(parts) for parts in zip(_noise(data), data["clean_gap"] or (0.0, 0.0), strict=True)]
+    none = (0.0, 0.0)
+    pairs = zip(_noise(data), data["clean_gap"] or none, strict=True)
+    usual = [max(noise or 0.0, gap or 0.0) for noise, gap in pairs]
     for log_set, of in GAPS:
-        if data[of] is not None and any(HALF * part > known for part, known in zip(data[of][0], usual, strict=True)):
+        gap = (data[of] or [none])[0]
+        if any(HALF * (part or 0.0) > known for part, known in zip(gap, usual, strict=True)):
             return (
                 f"No effect that matters is found, but odometry is off the reference{log_set} by {off(data[of][0])} "
                 f"(rms), of which the reference's own noise makes about {off(_noise(data))}: look for poses that jump "
@@ -136,8 +139,9 @@ def unfound(data: Data) -> str:
     return ""
 
 
-def _noise(data: Data) -> list[float]:
-    """Return by how much the reference's own noise alone puts odometry off it (rms), m in x and y together, and rad."""
+def _noise(data: Data) -> list[float | None]:
+    """Return by how much the reference's own noise alone puts odometry off it (rms), m in x and y together, and rad,
+    None of headings that are not known."""
     return [math.sqrt(2) * data["noise"]["position_m"], data["noise"]["heading_rad"]]
 
 
@@ -240,9 +244,10 @@ def percent(part: float) -> str:
     return f"{PERCENT * part:.{1 if part > 0.99 else 0}f} %" if part >= LEAST_REPORTED else "under 1 %"
 
 
-def off(gap: Sequence[float]) -> str:
-    """Return a gap (m, rad)."""
-    return " and ".join(f"{_figures(MILLI * part)} {unit}" for part, (unit, _) in zip(gap, COSTS, strict=True))
+def off(gap: Sequence[float | None]) -> str:
+    """Return a gap (m, rad), of positions alone that of the position."""
+    parts = zip(gap, COSTS, strict=True)
+    return " and ".join(f"{_figures(MILLI * part)} {unit}" for part, (unit, _) in parts if part is not None)
 
 
 def _likeliest(data: Data, probabilities: Mapping[str, float], but: Collection[str]) -> list[tuple[str, float]]:

@@ -53,12 +53,14 @@ def rms_of(parts: Iterable[Array]) -> float | None:
 
 
 def gap_of(errors: Iterable[Array]) -> tuple[float, float] | None:
-    """Return the root mean square of errors (k, 3) of poses in position, m, and in heading, rad; None if there are
-    none."""
+    """Return the root mean square of errors (k, 3) of poses in position, m, and in heading, rad, NaN where no heading is
+    known; None if there are no errors."""
     off = np.concatenate([np.zeros((0, 3)), *errors])
     if not len(off):
         return None
-    return float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1)))), float(np.sqrt(np.mean(off[:, 2] ** 2)))
+    turned = off[np.isfinite(off[:, 2]), 2]
+    heading = float(np.sqrt(np.mean(turned**2))) if len(turned) else np.nan
+    return float(np.sqrt(np.mean(np.sum(off[:, :2] ** 2, axis=1)))), heading
 
 
 def odometry(robot: RobotDescription, log: Log) -> Array:

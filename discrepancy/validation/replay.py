@@ -9,6 +9,9 @@ contains every error of the description, also in how wheels follow commands. "co
 counted, whatever torque it takes, and steering motors follow the pivot encoders; the gap then contains only errors in
 how turning becomes motion.
 
+Positions without headings need the most likely path of the body through all of them: a window begins with its heading.
+That heading knows of later positions too, so gaps across the way are rather too small; no gap of heading is measured.
+
 A log does not hold the motors' integrators and the deflection of contacts at the start of a window. Both, and the
 velocities, are carried over from the window before, while body and castors are reset to the measured state: forces
 between wheels that disagree last for about two metres. The first window, and the first after a break in the log, is
@@ -29,7 +32,7 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, poses_taken, positions_taken
 from castor_envs.motion.kinematics import Geometry, forward
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.sensors.encoders import castor_angles
@@ -73,8 +76,9 @@ class Replay:
 
     start, end (N,): s, on the log's clock. motion (N, 3): simulated, from start to end, in the body's frame at the
     start: along (forward), across (to the left), m, turned, rad. body (N, 3): simulated less measured motion; NaN where
-    the reference is unknown. wheels (N, driven wheels): m of roll, by the radius described, and pivots (N, pivot
-    encoders): rad, that the simulated encoders read beyond the measured. handed_on: of each window.
+    the reference is unknown, of turning alone where it has no heading. wheels (N, driven wheels): m of roll, by the
+    radius described, and pivots (N, pivot encoders): rad, that the simulated encoders read beyond the measured.
+    handed_on: of each window.
     """
 
     drive: Drive
@@ -117,26 +121,38 @@ class Replay:
             ],
         }
 
-    def expected(self, position: float, heading: float) -> dict[str, float | None]:
+    def expected(self, position: float, heading: float | None) -> dict[str, float | None]:
         """Return the gap that noise of reference poses alone causes: `position` (m) along each axis and `heading`
-        (rad).
+        (rad), None of positions alone.
 
-        Root mean squares as in the summary: of two poses, of which the first also says which way the motion went.
+        Root mean squares as in the summary: of two poses, of which the first also says which way the motion went; of
+        positions alone that of the way from one to the other.
         """
         known = np.where(np.isfinite(self.body[:, 0]), self.driven, np.nan)
+        aside = 2 * position**2 + 0 * known if heading is None else (heading * known) ** 2
         return {
-            "position_rms_mm": _root(4 * position**2 + (heading * known) ** 2),
-            "heading_rms_mrad": _root(2 * heading**2 + 0 * known),
+            "position_rms_mm": _root(4 * position**2 + aside),
+            "heading_rms_mrad": None if heading is None else _root(2 * heading**2 + 0 * known),
         }
 
 
+class _Seen(NamedTuple):
+    """Poses of the body by the reference: times within a log (k,), s; poses (k, 3); and which have a heading (k,)."""
+
+    time: Array
+    pose: Array
+    headed: NDArray[np.bool_]
+
+
 class _Window(NamedTuple):
-    """start, end: s. first, last (3,): poses of the body at both by the reference, NaN where one is unknown."""
+    """start, end: s. first, last (3,): poses of the body at both by the reference, NaN where one is unknown. headed:
+    whether the reference has both headings."""
 
     start: float
     end: float
     first: Array
     last: Array
+    headed: bool = True
 
 
 def replay(
@@ -146,6 +162,7 @@ def replay(
     *,
     clock: ArrayLike = (0.0, 0.0),
     mount: ArrayLike = (0.0, 0.0, 0.0),
+    path: Array | None = None,
     like: Replay | None = None,
     anew: ArrayLike = (),
 ) -> Replay:
@@ -154,8 +171,9 @@ def replay(
     By the commands where the log has them. window: s, at least, but at most half the log; each ends at the first
     reference pose after that. clock: (ahead, rate): the reference in the log's row of time t was taken at t + ahead +
     rate (t - t_0). mount: the tracked point and its direction in B, x, y (m), psi (rad). Both in addition to the
-    robot's effects on the reference. like: a replay of the same log by the same robot, of which the windows are taken
-    over that are not simulated `anew` (N,), as where only another part of the floor differs.
+    robot's effects on the reference. path (K, 3 or more): the most likely poses of the body, which give headings to
+    positions that have none; None: these are not used. like: a replay of the same log by the same robot, of which the
+    windows are taken over that are not simulated `anew` (N,), as where only another part of the floor differs.
     Raises InputError where castors have no pivot encoder, and for logs without a window.
     """
     if window <= 0:
@@ -163,10 +181,12 @@ def replay(
     window = min(window, float(log.t[-1] - log.t[0]) / 2)
     measured = _Measured(robot, log)
     drive, notes = measured.drive(robot)
-    windows = _windows(robot, log, measured, window, np.asarray(clock, float), np.asarray(mount, float), notes)
+    poses = _poses_in(robot, log, clock, mount, path)
+    windows = _windows(poses, measured, window, notes)
     if not windows:
         raise InputError(f"the log has no {window:g} s without a gap to replay; give a longer one or shorter windows")
     moved = np.array([relative_pose(stretch.first, stretch.last) for stretch in windows])
+    moved[[not stretch.headed for stretch in windows], 2] = np.nan
     known: list[_Run | None] = [None] * len(windows)
     if like is not None:
         taken_over = zip(like.motion, like.wheels, like.pivots, like.handed_on, strict=True)
@@ -277,22 +297,23 @@ class _Measured:
         return "commands", []
 
 
-def _windows(
-    robot: RobotDescription, log: Log, measured: _Measured, window: float, clock: Array, mount: Array, notes: list[str]
-) -> list[_Window]:
+def _windows(poses_seen: _Seen, measured: _Measured, window: float, notes: list[str]) -> list[_Window]:
     """Return windows one after another: from reference pose to reference pose where these lie close enough, else of the
     length asked for."""
     t, unknown = measured.t, np.full(3, np.nan)
-    times, poses = _poses_in(robot, log, clock, mount)
+    times, poses, headed = poses_seen
     if len(times) < 2:
         notes.append("no reference poses: only what the encoders count is compared")
+    elif not headed.all():
+        notes.append("where the reference has no heading, windows begin with that of the most likely path")
     slack, needed = 0.5 * (t[1] - t[0]), [part for part in (measured.command, measured.steering) if part is not None]
     windows, begin = [], float(times[0]) if len(times) else float(t[0])
     while begin + window <= t[-1] + slack:
         posed = np.flatnonzero(np.abs(times - begin) < 1e-9)
         later = np.flatnonzero((times >= begin + window - slack) & (times <= begin + LONGEST * window))
         if len(posed) and len(later):
-            stretch = _Window(begin, float(times[later[0]]), poses[posed[0]], poses[later[0]])
+            both = [posed[0], later[0]]
+            stretch = _Window(begin, float(times[later[0]]), *poses[both], bool(headed[both].all()))
         else:
             end = float(min(begin + window, t[-1]))
             ahead = times[(times > begin + slack) & (times <= end)]
@@ -307,24 +328,31 @@ def _windows(
     return windows
 
 
-def _poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike) -> tuple[Array, Array]:
-    """Return the times within a log (k,) and poses of the body (k, 3) by the reference; see `replay`."""
-    if log.reference is None:
-        return np.zeros(0), np.zeros((0, 3))
+def _poses_in(robot: RobotDescription, log: Log, clock: ArrayLike, mount: ArrayLike, path: Array | None) -> _Seen:
+    """Return the poses of the body by the reference; see `replay`."""
     ahead, rate = np.asarray(clock, dtype=float)
-    rows = np.flatnonzero(np.isfinite(log.reference[:, 0]))
+    rows = poses_taken(log) if path is None else positions_taken(log)
+    if log.reference is None or not len(rows):
+        return _Seen(np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=bool))
     times = log.t[rows] + ahead + rate * (log.t[rows] - log.t[0])
     for effect in robot.effects:
         times = effect.reference_time(times)
     inside = (times >= log.t[0] - 1e-9) & (times <= log.t[-1] + 1e-9)
-    shown = compose(log.reference[rows[inside]], inverse(mount))
+    tracked, headed = log.reference[rows[inside]], np.isfinite(log.reference[rows[inside], 2])
+    if path is not None:
+        pose = np.column_stack([np.interp(times[inside], log.t, column) for column in path[:, :3].T])
+        for effect in robot.effects:
+            pose = effect.reference_pose(pose)
+        heading = pose[:, 2] + np.asarray(mount, float)[2]
+        tracked = np.column_stack([tracked[:, :2], np.where(headed, tracked[:, 2], heading)])
+    shown = compose(tracked, inverse(mount))
     body = shown
     for _ in range(4 if len(shown) else 0):  # one is enough for another point, another scale takes more
         seen = body
         for effect in robot.effects:
             seen = effect.reference_pose(seen)
         body = compose(body, relative_pose(seen, shown))
-    return np.clip(times[inside], log.t[0], log.t[-1]), body
+    return _Seen(np.clip(times[inside], log.t[0], log.t[-1]), body, headed)
 
 
 def _samples(t: Array, window: _Window) -> tuple[int, int]:

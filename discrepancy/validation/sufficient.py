@@ -53,7 +53,7 @@ def check_logs(logs: Mapping[str, Log]) -> None:
         channels = [log.wheel, log.pivot, *([] if log.rps is None else [np.nan_to_num(log.rps)])]
         if not any(np.any(np.ptp(part, axis=0) > 0) for part in channels):
             message = "shows no motion: no encoder count ever changes; leave it out, and record a log while driving"
-            taken = reference[np.isfinite(reference).all(axis=1)]
+            taken = reference[np.isfinite(reference[:, 0])]
             if len(taken) and np.any(np.ptp(taken, axis=0) > MOVED):
                 message += " (the reference does move: if the robot did, its encoders are not connected)"
             raise InputError(f"{name}: {message}")
@@ -65,7 +65,8 @@ def check_seen(robot: RobotDescription, *log_sets: Sequence[Log]) -> None:
     for log in [log for logs in log_sets for log in logs] if shown == 0 else ():
         if not _has(log.reference) and (robot.gyro is None or not _has(log.gyro)):
             raise InputError(
-                f"{BLIND}; give logs with ref_x, ref_y and ref_psi, or with gyro_z of a gyro in the robot file"
+                f"{BLIND}; give logs with ref_x, ref_y and, if there is one, ref_psi, or with gyro_z of a gyro in the "
+                "robot file"
             )
 
 

@@ -281,7 +281,10 @@ REFUSED = {
     "nanoseconds apart": (driven(t=ARC.t * 1e-9), "samples are 5e-11 s apart, and the robot file says 0.05 s"),
     "years apart": (driven(t=ARC.t * 1e5), "samples are 5000 s apart"),
     "a gap of months": (driven(t=ARC.t + 1e7 * (ARC.t > 1.0)), "nothing for 1e+07 s after row 21"),
-    "blank reference": (driven(reference=np.full((60, 3), np.nan)), "give logs with ref_x, ref_y and ref_psi"),
+    "blank reference": (
+        driven(reference=np.full((60, 3), np.nan)),
+        "give logs with ref_x, ref_y and, if there is one, ref_psi",
+    ),
     "far away": (driven(reference=ARC.reference + np.array([5e6, 0.0, 0.0])), "ref_x is 5e+06 m in row"),
     "a huge count": (driven(wheel=once(ARC.wheel, 2.0**53)), "cannot be made to fit"),
     "huge counts": (driven(wheel=ARC.wheel * 2.0**40), "cannot be made to fit"),

@@ -149,12 +149,13 @@ class _Replays:
     """
 
     def __init__(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> None:
-        self._robot, self._mount = without(robot, ClockSkew), seen.state.mount
+        self._robot = without(robot, ClockSkew)
         posed = [k for k, log in enumerate(logs) if log.reference is not None]
         contacts = _contacts(robot, logs, seen)
-        self._logs = [(logs[k], seen.state.clocks[k]) for k in posed]
+        mount, states, clocks = seen.state.mount, seen.state.states, seen.state.clocks
+        self._logs = [(logs[k], {"clock": clocks[k], "mount": mount, "path": states[k]}) for k in posed]
         self._contacts = [contacts[k] for k in posed]
-        self._plain = [replay(self._robot, log, WINDOW, clock=clock, mount=self._mount) for log, clock in self._logs]
+        self._plain = [replay(self._robot, log, WINDOW, **by) for log, by in self._logs]
         self._errors = self._errors_of(self._plain)
         self._spread = _Spread.of(self._errors)
 
@@ -162,11 +163,11 @@ class _Replays:
         """Return the log-likelihood ratio (natural logarithm) of replays with a patch of a value."""
         robot = self._robot.with_effects(replace(patch, value=value))
         larger, replays = replace(patch, length=patch.length + CELL, width=patch.width + CELL), []
-        for (log, clock), contacts, plain in zip(self._logs, self._contacts, self._plain, strict=True):
+        for (log, by), contacts, plain in zip(self._logs, self._contacts, self._plain, strict=True):
             there = np.cumsum(np.append(False, larger.inside(contacts).any(axis=1)))
             first, last = np.searchsorted(log.t, plain.start, "right") - 1, np.searchsorted(log.t, plain.end)
             anew = there[np.minimum(last, len(there) - 1)] > there[first]
-            replays.append(replay(robot, log, WINDOW, clock=clock, mount=self._mount, like=plain, anew=anew))
+            replays.append(replay(robot, log, WINDOW, **by, like=plain, anew=anew))
         return self._spread.likelier(self._errors_of(replays), self._errors)
 
     def gains(self, patch: FrictionPatch) -> Array:

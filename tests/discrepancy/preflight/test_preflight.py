@@ -90,6 +90,50 @@ def test_a_reading_undoes_the_effects_that_made_it(name):
         assert max(misfit.encoders, misfit.reference) < 2 * USUAL, made
 
 
+def headless(log):
+    """The log with positions alone."""
+    return dataclasses.replace(log, reference=log.reference * [1.0, 1.0, np.nan])
+
+
+@pytest.mark.parametrize("name", ["omnimate", "differential", "tricycle", "omni3"])
+def test_wrong_wiring_is_found_by_positions_without_headings(name):
+    """Each effect of wiring is told, or another that does the same to the robot; and nothing where there is none."""
+    robot = preset(name)
+    (said,) = preflight(robot, [headless(log_of(robot))]).remarks
+    assert "has no headings" in said
+    for effect in wiring_of(robot):
+        found = preflight(robot, [headless(log_of(robot, effect))])
+        assert only(found).effects == (effect,) or only(found).alternatives, effect
+
+
+def test_units_and_axes_of_positions_are_found_and_no_headings_spoken_of():
+    robot, log = preset("differential"), headless(log_of(preset("differential")))
+    for factor, said in (((1000, 1000), "in millimetres"), ((100, 100), "in centimetres"), ((1, -1), "mirror")):
+        seen = dataclasses.replace(log, reference=log.reference * [*factor, 1.0])
+        mistake = only(preflight(robot, [seen]))
+        told = [mistake.what, *mistake.alternatives]
+        assert any(said in what for what in told), told
+        assert not any("psi" in what for what in told), told
+
+
+def test_a_robot_that_turns_below_its_receiver_contradicts_nothing():
+    """Whose positions are noise alone, and tell of no wheel."""
+    spin = Trajectory("spin", (Run((Leg((0.0, 0.0, 1.0), 12.0),), speed=0.6, acceleration=0.5),))
+    robot = preset("differential")
+    found = preflight(robot, [headless(log_of(robot, rolled=roll(robot, spin)))])
+    assert not found.mistakes
+    assert not any("contradict" in remark for remark in found.remarks)
+
+
+def test_a_position_that_jumps_is_told():
+    log = headless(log_of(ASOC))
+    jumped = log.reference.copy()
+    jumped[200:, :2] += 0.3
+    found = preflight(ASOC, [dataclasses.replace(log, reference=jumped)])
+    assert not found.mistakes
+    assert any("the reference jumps" in remark for remark in found.remarks)
+
+
 @pytest.mark.parametrize("poses", [True, False], ids=["reference", "no-reference"])
 @pytest.mark.parametrize("effect", wiring_of(ASOC), ids=lambda effect: "-".join(map(str, dataclasses.astuple(effect))))
 def test_wrong_wiring_is_named(effect, poses):

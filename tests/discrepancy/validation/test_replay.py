@@ -104,6 +104,35 @@ def plain():
     return sizes(replay(ASOC, asoc(), WINDOW))
 
 
+def headless(log):
+    return dataclasses.replace(log, reference=log.reference * [1.0, 1.0, np.nan])
+
+
+def test_positions_need_a_path_and_then_leave_the_same_gap(clean):
+    """Given the true headings they are replayed as poses without noise of headings; no gap of heading is measured."""
+    true = asoc().reference
+    path = np.column_stack([np.interp(clean.t, clean.t[::EVERY], column) for column in true[::EVERY].T])
+    whole = dataclasses.replace(clean, reference=np.column_stack([clean.reference[:, :2], true[:, 2]]))
+    expected, found = replay(ASOC, whole, WINDOW), replay(ASOC, headless(clean), WINDOW, path=path)
+    np.testing.assert_allclose(found.body[:, :2], expected.body[:, :2], atol=1e-12)
+    assert np.isnan(found.body[:, 2]).all()
+    assert np.isfinite(expected.body).all()
+    assert any("likely path" in note for note in found.notes)
+    assert found.summary()["heading_rms_mrad"] is None
+    assert found.expected(1e-3, None)["heading_rms_mrad"] is None
+    without = replay(ASOC, headless(clean), WINDOW)
+    assert any("no reference poses" in note for note in without.notes)
+
+
+def test_a_yaw_of_the_reference_in_the_robot_file_does_not_turn_positions(clean):
+    path = np.column_stack([np.interp(clean.t, clean.t[::EVERY], x) for x in asoc().reference[::EVERY].T])
+    plain, yawed = (
+        replay(robot, headless(clean), WINDOW, path=path)
+        for robot in (ASOC, ASOC.with_effects(ReferenceYaw(value=0.3)))
+    )
+    np.testing.assert_allclose(yawed.body[:, :2], plain.body[:, :2], atol=1e-9)
+
+
 def test_a_clean_log_leaves_what_the_reference_and_the_rounding_of_counts_leave(replayed):
     """Expected from the noise put in; the rounding of two counts is 1 / sqrt(6) of a count."""
     expected = replayed.expected(1e-3, 1e-3)
