@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from castor_envs.errors import InputError, shortened
 from castor_envs.files import writing
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
@@ -81,8 +83,10 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
             write_log(out, imported.log, described, imported.tracked)
         except InputError as error:
             raise InputError(f"no log is written, for it would be refused: {error}") from None
-    log, poses = imported.log, 0 if imported.tracked is None else len(imported.tracked.t)
-    print(f"{out}: {len(log)} rows in {log.t[-1]:.1f} s, {poses} reference poses")
+    log, tracked = imported.log, imported.tracked
+    poses = f"{0 if tracked is None else len(tracked.t)} reference poses"
+    headless = tracked is not None and bool(np.isnan(tracked.pose[:, 2]).all())
+    print(f"{out}: {len(log)} rows in {log.t[-1]:.1f} s, {poses}{', positions without headings' if headless else ''}")
     for note in imported.notes:
         print(f"note: {note}")
     print(f"next: {shlex.join(['castor-diagnose', 'inspect', str(out), '--robot', robot])}")

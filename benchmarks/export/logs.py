@@ -18,7 +18,7 @@ from castor_envs.vehicles.load import load_vehicle
 def export_log(path: Path, robot: str, out: Path, form: Form, by: Following) -> Mapping[str, str]:
     """Write the reference of a log and estimated poses, at the rows that are scored; return who gave none, and why.
 
-    Raises InputError for a log without a reference, and where `out` exists already or cannot be written.
+    Raises InputError for a log without reference poses, and where `out` exists already or cannot be written.
     """
     if form == "csv":
         raise InputError(f"{path}: is CSV already; choose --format tum or --format kitti for its poses")
@@ -26,6 +26,8 @@ def export_log(path: Path, robot: str, out: Path, form: Form, by: Following) -> 
     drive = drive_of(path.name, vehicle, read_log(path, vehicle))
     if not drive.known.any():
         raise InputError(f"{path}: has no reference to compare poses with; castor-bench show draws them")
+    if not drive.headed.any():
+        raise InputError(f"{path}: its reference has no headings, and {form} is of poses; castor-bench show draws it")
     run = Run(drive.log)
     answers = follow(
         [replace(drive, samples=run.samples)], by.competitors(vehicle, of_methods=False), by.timeout, by.processes

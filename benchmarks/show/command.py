@@ -26,6 +26,10 @@ from castor_envs.vehicles.train import TrainDescription
 from estimators.plugins.registry import CALIBRATION, builtin_names, load_calibration, load_estimator
 
 USUAL = ("wheel-odometry", "filter", "cast-0", "dead-reckoning-1")
+HEADLESS = (
+    "; its reference has positions alone: estimates start at the first one, with the heading of odometry that is "
+    "turned to follow those after it, and are compared in position"
+)
 USUAL_OF_TRAINS = ("train-odometry", "train-filter", "grpec-xy")
 """Those of the built-in estimators that are shown where none is named, as far as they serve the vehicle."""
 
@@ -101,12 +105,13 @@ def show_case(task: Task, case: Case, by: Following, robot: str | None = None) -
 
 
 def show_log(path: Path, robot: str, floor: str | None, by: Following) -> Shown:
-    """Read a log, let estimators follow it, and return what is shown of it; without a reference there are no scores."""
+    """Read a log, let estimators follow it, and return what is shown of it; without a reference, or with one of
+    positions alone, there are no scores."""
     vehicle = load_vehicle(robot)
     ground = None if floor is None else load_floor(floor)
     drive = drive_of(path.name, vehicle, read_log(path, vehicle), ground)
     who = by.competitors(vehicle, of_methods=False)
-    if not drive.known.any():
+    if not drive.headed.any():
         answers = follow([drive], who, by.timeout, by.processes)
         followed, failed, scores = [drive.followed(poses(answers, 0))], failures(answers), {}
     else:
@@ -115,7 +120,7 @@ def show_log(path: Path, robot: str, floor: str | None, by: Following) -> Shown:
         followed, failed, scores = _followed(Episode(vehicle, (run,)), who, by, [drive])
     return Shown(
         title=path.name,
-        subtitle=f"A log of {vehicle.name}",
+        subtitle=f"A log of {vehicle.name}{HEADLESS if drive.known.any() and not drive.headed.any() else ''}",
         drives=followed,
         failed=failed,
         scores=scores,

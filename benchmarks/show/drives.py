@@ -12,9 +12,12 @@ from benchmarks.run.worker_estimate import ObservedRun
 from benchmarks.tasks.task import Episode
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
-from castor_envs.logs.log import OPTIONAL, REQUIRED, Log
+from castor_envs.logs.log import OPTIONAL, REQUIRED, Log, poses_taken, positions_taken
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.load import Vehicle
+from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 MOST_POSES = 1000
 """Of a drive that are shown, spread evenly, and as many again where a reference was taken."""
@@ -54,7 +57,12 @@ class Drive:
 
     @cached_property
     def known(self) -> NDArray[np.bool_]:
-        """At which samples (M,) there is a reference."""
+        """At which samples (M,) there is a reference, of a robot a position at least."""
+        return np.asarray(np.isfinite(self.truth.reshape(-1, len(self.samples), 3)[..., 0]).all(axis=0))
+
+    @cached_property
+    def headed(self) -> NDArray[np.bool_]:
+        """At which samples (M,) there is a whole reference pose."""
         return np.asarray(np.isfinite(self.truth.reshape(-1, len(self.samples), 3)).all(axis=(0, 2)))
 
     @cached_property
@@ -164,14 +172,19 @@ def names_of(episode: Episode) -> list[str]:
 
 
 def drive_of(name: str, vehicle: Vehicle, log: Log, floor: Floor | None = None) -> Drive:
-    """Return the drive of a log, from its first reference pose on; without any, it starts at x = y = psi = 0."""
-    reference = log.reference
-    known = np.flatnonzero(np.isfinite(reference).all(axis=1)) if reference is not None else np.zeros(0, dtype=np.intp)
+    """Return the drive of a log, from its first reference pose on; without any, it starts at x = y = psi = 0.
+
+    Where the reference has positions alone, it starts at the first one, with the heading of odometry that is turned to
+    follow them there.
+    """
+    known = poses_taken(log) if len(poses_taken(log)) else positions_taken(log)
     if len(known) and known[0] > 0:
         log, known = _from_row(log, int(known[0])), known - known[0]
     if len(known):
         assert log.reference is not None
         start = log.reference[0] if log.reference.shape[1] == 3 else log.reference[0].reshape(-1, 3)
+        if isinstance(vehicle, RobotDescription) and np.isnan(start[2]):
+            start = LogLikelihood(Geometry.of(vehicle), log).guessed[0]
     else:
         start = _origin(vehicle)
     return Drive(name, vehicle, log, start, np.union1d(_evenly(len(log)), known[_evenly(len(known))]), floor)

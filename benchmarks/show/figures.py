@@ -62,7 +62,8 @@ def path_map(drive: Drive, names: Sequence[str], places: Sequence[Place] = ()) -
 
 
 def error_charts(drive: Drive, names: Sequence[str]) -> list[Chart]:
-    """Return position and heading errors against the distance driven; none without a path."""
+    """Return position and heading errors against the distance driven; none without a path, nor of headings that are
+    not known."""
     if drive.known.sum() < 2 or not drive.estimates:
         return []
     of = {name: drive.errors(name) for name in drive.estimates}
@@ -74,10 +75,10 @@ def error_charts(drive: Drive, names: Sequence[str]) -> list[Chart]:
         alt = f"{label} against the distance driven{further}"
         return Chart("driven, m", f"{label}, {unit}", tuple(curves), alt, f"{label.capitalize()}{mean}{caption}")
 
-    return [
-        chart(0, "position error", "mm", 1e3, f"; {ends}", f" against the distance driven. {ZOOM}"),
-        chart(1, "heading error", "°", 180 / np.pi, "", "."),
-    ]
+    charts = [chart(0, "position error", "mm", 1e3, f"; {ends}", f" against the distance driven. {ZOOM}")]
+    if drive.headed.any():
+        charts.append(chart(1, "heading error", "°", 180 / np.pi, "", "."))
+    return charts
 
 
 def slip_charts(slips: Slips) -> list[Chart]:

@@ -1,6 +1,6 @@
 """A drive as a picture or as one that moves: the vehicle, its true path and one estimate, on the floor.
 
-Where nobody knows the true path, the vehicle is drawn where the estimate has it.
+Where nobody knows the true path, or its headings, the vehicle is drawn where the estimate has it.
 """
 
 import contextlib
@@ -59,13 +59,13 @@ def check_picture(option: str, path: Path) -> None:
 
 def _pictures(drive: Drive, name: str | None, frames: int) -> list[NDArray[np.uint8]]:
     """Return at most so many pictures of a drive, the end with them; each holds the paths until then."""
-    known = bool(drive.known.any())
+    known = bool(drive.headed.any())
     if not known:
         if name is None:
             problem = "there is neither a reference nor an estimate to draw the vehicle at; name an --estimator"
             raise InputError(f"{drive.name}: {problem}")
         drive, name = _believed(drive, name), None
-    rows = np.flatnonzero(drive.known)
+    rows = np.flatnonzero(drive.headed)
     shown = set(rows[np.unique(np.linspace(len(rows) - 1, 0, frames).astype(np.intp))].tolist())
     estimate = None if name is None else drive.estimates[name]
     renderer = Renderer(

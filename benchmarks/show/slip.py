@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.show.drives import Drive
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose
-from castor_envs.logs.log import Log
+from castor_envs.logs.log import Log, poses_taken
 from castor_envs.logs.reference import interpolated
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
@@ -95,10 +95,10 @@ def slips_of(drive: Drive) -> Slips | None:
     place = np.full((len(middle), len(parts), 2), np.nan)
     if drive.dense:
         assert log.reference is not None
-        known = np.isfinite(log.reference[:, 0])
-        poses = np.column_stack([np.interp(middle, log.t[known], column) for column in log.reference[known].T])
-        bodies = poses.reshape(len(poses), -1, 3)
-        place = compose(bodies, np.pad(places, ((0, 0), (0, 1))))[..., :2]
+        if len(known := poses_taken(log)):
+            poses = np.column_stack([np.interp(middle, log.t[known], column) for column in log.reference[known].T])
+            bodies = poses.reshape(len(poses), -1, 3)
+            place = compose(bodies, np.pad(places, ((0, 0), (0, 1))))[..., :2]
     way = np.interp(middle, log.t[drive.samples], drive.way)
     return Slips(parts, middle, way, place, disagreement, slip if np.isfinite(slip).any() else None)
 
@@ -137,7 +137,7 @@ def _residuals(robot: RobotDescription, log: Log, edges: NDArray[np.intp]) -> tu
     """Return castors with known angles, and their disagreement and slip (W, castors), m; None where there are none.
 
     Of a castor's wheels and its side the root of the sum of squares counts. Slip is NaN in windows in which the
-    reference does not show where the body was at every sample.
+    reference does not show where the body was, and its heading, at every sample.
     """
     geometry = Geometry.of(robot)
     model = LogLikelihood(geometry, log)
@@ -150,7 +150,7 @@ def _residuals(robot: RobotDescription, log: Log, edges: NDArray[np.intp]) -> tu
     state = model.start(geometry)
     shown = np.zeros(len(log), dtype=bool)
     if log.reference is not None:
-        taken = np.isfinite(log.reference[:, 0])
+        taken = poses_taken(log)
         poses = interpolated(log.t[taken], log.reference[taken], log.t)
         shown = np.isfinite(poses[:, 0])
         state[shown, :3] = poses[shown]

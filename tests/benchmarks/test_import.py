@@ -1,5 +1,6 @@
 """The command that makes logs of published measurements, and of recordings of one's own robot."""
 
+import dataclasses
 import json
 import shlex
 from pathlib import Path
@@ -10,6 +11,8 @@ import pytest
 from benchmarks import cli
 from castor_envs.cli import command_line
 from castor_envs.logs.csv import read_log
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.presets import preset, train_names
 
@@ -373,3 +376,33 @@ def test_a_trajectory_alone_is_the_reference_of_another_recording(tmp_path, caps
     reference = read_log("log.csv", preset("differential")).reference
     assert reference is not None
     np.testing.assert_allclose(reference, np.column_stack([t, 0 * t, 0 * t]), atol=1e-9)
+
+
+def test_positions_of_a_receiver_are_imported_and_calibrate_the_robot(tmp_path, capsys, monkeypatch):
+    """A left wheel 1 % larger than described, in a recording with eastings and northings to 3 mm."""
+    monkeypatch.chdir(tmp_path)
+    robot = preset("differential")
+    left, right = robot.castors[0].wheels
+    axle = dataclasses.replace(robot.castors[0], wheels=(dataclasses.replace(left, radius=1.01 * left.radius), right))
+    motion = roll(
+        dataclasses.replace(robot, castors=(axle,)), wander(np.random.default_rng(4), duration=60.0, holonomic=False)
+    )
+    counts = np.round(motion.wheel_angle * np.array([left.counts_per_rev, right.counts_per_rev], float) / (2 * np.pi))
+    noise = 0.003 * np.random.default_rng(5).normal(size=(len(motion.t), 2))
+    places = (motion.pose[:, :2] + noise + [431_000.0, 5_411_000.0]).tolist()
+    rows = [
+        f"{t:.3f},{a:.0f},{b:.0f},{x:.4f},{y:.4f}" if k % 4 == 0 else f"{t:.3f},{a:.0f},{b:.0f},,"
+        for k, (t, (a, b), (x, y)) in enumerate(zip(motion.t, counts, places, strict=True))
+    ]
+    Path("run.csv").write_text("\n".join(["t,left_ticks,right_ticks,gps easting,gps northing", *rows]) + "\n")
+    given = ("run.csv", "--robot", "differential")
+    code, out, _ = call(capsys, "import", *given)
+    assert (code, "ref_y: gps northing" in out, "ref_psi" in out) == (0, True, False)
+    code, out, _ = call(capsys, "import", *given, "--map", "map.json", "--out", "log.csv")
+    assert (code, "reference poses, positions without headings" in out) == (0, True)
+    code, out, err = call(capsys, "calibrate", "log.csv", "--robot", "differential", "--out", "found.json")
+    assert code == 0, err
+    assert "without headings" in out
+    found = [wheel.radius for wheel in load_robot("found.json").castors[0].wheels]
+    np.testing.assert_allclose(found, [1.01 * left.radius, right.radius], rtol=4e-3)
+    assert found[0] / found[1] == pytest.approx(1.01, abs=1e-3)

@@ -68,6 +68,19 @@ def test_a_log_begins_where_its_reference_does(arcs):
     np.testing.assert_array_equal(drive.start, log.reference[30])
 
 
+def test_positions_alone_are_followed_from_the_heading_that_they_show(arcs):
+    log = arcs.record(0).runs[0].log
+    positions = dataclasses.replace(log, reference=log.reference * [1.0, 1.0, np.nan])
+    drive = drive_of("log", arcs.robot, positions)
+    np.testing.assert_allclose(drive.start, log.reference[0], atol=5e-3)
+    assert drive.known.all()
+    assert not drive.headed.any()
+    position, heading = drive.followed({"at": drive.truth + np.array([3.0, 4.0, 0.0])}).errors("at")
+    np.testing.assert_allclose(position, 5.0)
+    assert np.isnan(heading).all()
+    assert found_slips(drive).slip is None
+
+
 def test_without_a_dense_reference_the_wheels_tell_the_way_and_nothing_the_slip(arcs):
     log = arcs.record(0).runs[0].log
     for blank in (slice(0, None), slice(1, -1)):

@@ -232,6 +232,23 @@ def test_a_log_without_reference_has_no_scores_and_is_drawn_where_the_estimate_h
         assert np.abs(last - np.asarray(moving.convert("RGB"), dtype=int)).max() > 50
 
 
+def test_a_log_of_positions_is_compared_in_position_and_not_exported_as_poses(castor_bench, fake_tasks, tmp_path):
+    log, here = fake_tasks.Arcs().record(0).runs[0].log, tmp_path / "here"
+    positions = dataclasses.replace(log, reference=log.reference * [1.0, 1.0, np.nan])
+    write_log(here / "drive.csv", positions, differential())
+    arguments = ("drive.csv", "--robot", "differential", "--estimator", "wheel-odometry")
+    code, out, err = castor_bench("show", *arguments, "--png", "end.png")
+    assert (code, out, err) == (0, "castor-show.html, end.png (of wheel-odometry)\n", "")
+    page = (here / "castor-show.html").read_text(encoding="utf-8")
+    shown = page.partition("</style>")[2].partition("<script>")[0]
+    assert "its reference has positions alone" in shown
+    assert "position error" in shown
+    assert "heading error" not in shown
+    code, _, err = castor_bench("export", *arguments, "--format", "tum", "--out", "none")
+    assert (code, (here / "none").exists()) == (2, False)
+    assert "has no headings, and tum is of poses" in err
+
+
 MISTAKES = {
     "nothing": ((), "give a log and --robot, or --task"),
     "both": (("a.csv", "--task", "arcs"), "give a log and --robot, or --task"),
