@@ -105,7 +105,8 @@ class ChannelMap:
     """A map as its file holds it: which channel of a recording is which column of a log.
 
     sources: by name, where readings come from; "main" is the recording that is imported, and need not be there.
-    columns: by the log's column, such as `wheel_1l`, `pivot_1`, `cmd_1l`, `gyro_z` and `ref_x`, what it is made from.
+    columns: by the log's column, such as `wheel_1l`, `pivot_1`, `cmd_1l`, `gyro_z` and `ref_x`, what it is made from;
+    of positions without headings `ref_psi` and `fix_psi` are left out.
     """
 
     sources: dict[str, Source] = field(default_factory=lambda: {"main": Source()})

@@ -6,7 +6,7 @@ pivot_...       counts, rev, deg, rad
 cmd_...         rad/s, deg/s, rev/s, rpm, counts/s; of wheels m/s
 gyro_z          rad/s, deg/s; as the angle that a gyro has summed rad, deg, rev
 ref_x, ref_y    m, cm, mm; so are fix_x and fix_y
-ref_psi         rad, deg, quaternion; so is fix_psi
+ref_psi         rad, deg, quaternion; so is fix_psi; both may be left out beside positions
 """
 
 import math
