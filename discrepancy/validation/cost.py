@@ -53,7 +53,7 @@ def rms_of(parts: Iterable[Array]) -> float | None:
 
 
 def gap_of(errors: Iterable[Array]) -> tuple[float, float] | None:
-    """Return the root mean square of errors (k, 3) of poses in position, m, and in heading, rad, NaN where no heading is
+    """Return the root mean square of errors (k, 3) of poses in position, m, and in heading, rad, NaN if no heading is
     known; None if there are no errors."""
     off = np.concatenate([np.zeros((0, 3)), *errors])
     if not len(off):
