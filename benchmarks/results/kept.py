@@ -70,6 +70,8 @@ def _kept(path: Path, form: str) -> dict[str, list[Any]]:
     """Return what is kept of files, nothing if it is not there or cannot be used."""
     try:
         stored = from_json(path.read_bytes())
-        return stored["files"] if stored["format"] == form else {}
-    except (OSError, ValueError, TypeError, LookupError):
+        files = stored["files"] if stored["format"] == form else {}
+        # Time and size come first in each list, so that one without them belongs to no file.
+        return files if all(isinstance(entry, list) and len(entry) > 2 for entry in files.values()) else {}
+    except (OSError, ValueError, TypeError, LookupError, AttributeError):
         return {}

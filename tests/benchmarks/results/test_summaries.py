@@ -75,7 +75,9 @@ def test_a_damaged_row_is_named_each_time_and_a_damaged_summary_made_anew(opened
         store = ResultsStore(results)
         assert len(store.summaries("arcs", 1)) == len(CASES) - 1
         assert [error.path for error in store.corrupt] == [path]
-    for text in ("", "[]", '{"format": "castor-summary/0", "files": {}}'):
+    of = f'{{"format": "{rows_module.SUMMARY_FORMAT}", "files": %s}}'
+    texts = ("", "[]", '{"format": "castor-summary/0", "files": {}}')
+    for text in (*texts, *(of % files_ for files_ in ("[]", "null", '"all"', '{"a/0.npz": 5}', '{"a/0.npz": []}'))):
         (results / "rows" / "arcs@1" / SUMMARY).write_text(text)
         del files[:]
         assert len(scores(results)) == len(CASES) - 1
