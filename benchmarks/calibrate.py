@@ -149,7 +149,7 @@ def _print(console: Console, robot: RobotDescription, title: str, report: Report
         error = result.standard_error
         interval = "–" if error is None else "kept" if result.seen == "no" else f"{COVERAGE * error * factor:.4f}"
         marks = f" ({', '.join(letters[unseen_part] for unseen_part in result.rests_on)})" if result.rests_on else ""
-        before, after = (f"{value * factor:.4f}" for value in (result.before, result.after))
+        before, after = (f"{value * factor:z.4f}" for value in (result.before, result.after))
         table.add_row(result.name, unit, before, after, interval + marks)
     console.print(table, highlight=False, markup=False)
     if report.unseen:

@@ -78,7 +78,7 @@ class MaximumLikelihoodMethod:
                 f"reference: noise {1e3 * noise.position:.2g} mm, {of_heading}",
                 *(
                     f"{recording.name}: the reference is {1e3 * abs(ahead):.0f} ms "
-                    f"{'ahead of' if ahead > 0 else 'behind'} the counts at the start, and gains {1e3 * rate:.1f} ms/s"
+                    f"{'ahead of' if ahead > 0 else 'behind'} the counts at the start, and gains {1e3 * rate:z.1f} ms/s"
                     for recording, (ahead, rate) in zip(recordings, found.clocks, strict=True)
                 ),
                 f"odometry{'' if headed else ', turned and moved to fit the positions best,'} is {1e3 * before:.1f} mm "
@@ -115,7 +115,7 @@ def _gyro(found: Calibration, recordings: Sequence[Recording]) -> Iterator[str]:
     yield f"gyro: noise {np.degrees(found.noise.gyro):.2g} deg/s, reads {100 * found.gyro_scale:+.2g} % of the turn"
     for recording, (bias, late) in zip(recordings, found.gyro, strict=True):
         if np.isfinite(bias):
-            off = f"{np.degrees(bias):.2g} deg/s off the bias in the robot file, and {1e3 * late:.0f} ms late"
+            off = f"{np.degrees(bias):.2g} deg/s off the bias in the robot file, and {1e3 * late:z.0f} ms late"
             yield f"{recording.name}: the gyro is {off}"
 
 
@@ -127,7 +127,7 @@ def _tracked_point(found: Calibration) -> str:
         ("x", "y", "turned by"), found.mount, found.mount_errors, found.mount_seen, factors, units, strict=True
     )
     parts = [
-        f"{name} {value * factor:.{1 if unit == 'mm' else 2}f} ± {COVERAGE * error * factor:.2g} {unit}"
+        f"{name} {value * factor:z.{1 if unit == 'mm' else 2}f} ± {COVERAGE * error * factor:.2g} {unit}"
         + ("" if seen else " (not seen)")
         for name, value, error, seen, factor, unit in columns
         if unit == "mm" or found.headings

@@ -21,6 +21,7 @@ from castor_envs.vehicles.axle import with_axle
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.presets import differential, preset
 from castor_envs.vehicles.robot import Gyro, RobotDescription
+from estimators.calibration import likelihood_method
 
 EFFECTS = (PivotBias(castor=2, value=0.05), WheelRadius(castor=3, wheel=1, value=0.03))
 
@@ -211,3 +212,20 @@ def test_an_interval_names_the_unseen_change_that_it_rests_on(tmp_path, capsys):
     assert all("(a)" in line for line in radii)
     assert any("with a letter: if what it stands for is right in the robot file" in line for line in lines)
     assert any(line.startswith("reference: tracked point at x ") and " ± " in line for line in lines)
+
+
+def test_what_rounds_to_zero_has_no_sign(squares, tmp_path, capsys, monkeypatch):
+    robot, paths = squares
+    fit = likelihood_method.calibrate
+
+    def barely_off(*given, **named):
+        found = fit(*given, **named)
+        return replace(found, mount=np.full(3, -1e-7), clocks=np.full_like(found.clocks, -1e-7))
+
+    monkeypatch.setattr(likelihood_method, "calibrate", barely_off)
+    code, text, err = call(capsys, *paths, "--robot", robot, "--out", tmp_path / "new.json")
+    assert code == 0, err
+    assert "tracked point at x 0.0 ± " in text
+    assert "y 0.0 ± " in text
+    assert "turned by 0.00 ± " in text
+    assert text.count("gains 0.0 ms/s") == len(paths)
