@@ -37,7 +37,7 @@ from benchmarks.site.pages import single_page
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from castor_envs.cli import command_line
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, shortened
 from castor_envs.logs.recordings import refuse_recording
 
 
@@ -89,14 +89,22 @@ def rescore(
     """Compute scores again from stored episodes and trajectories, for example for a new metric; no estimator runs."""
     check_results_folder(results, write=not dry_run)
     with_rows(results)
-    for chosen in select_tasks(*with_plugged(with_stored_robots(official_tasks(), results), task or [], LOADING)):
+    chosen_tasks = select_tasks(*with_plugged(with_stored_robots(official_tasks(), results), task or [], LOADING))
+    rows = 0
+    for chosen in chosen_tasks:
         rescored = rescore_task(results, chosen, write=not dry_run)
+        rows += rescored.rows
         if rescored.rows:
             print(f"{rescored.task}: {rescored.changed} of {rescored.rows} rows changed")
         for (estimator, metric), rows in rescored.metrics.items():
             print(f"  {estimator}, {metric}: {rows} rows")
         for problem in rescored.problems:
             print(f"  kept as it was: {problem}")
+        if task and not rescored.rows:
+            print(f"{rescored.task}: no rows")
+    if not rows:
+        names = shortened(", ".join(chosen.name for chosen in chosen_tasks))
+        raise InputError(f"no results of {names} in {results}; castor-bench run --task NAME makes them")
 
 
 def forget_rows(

@@ -26,7 +26,7 @@ from benchmarks.options import (
 from benchmarks.progress import TerminalProgress
 from benchmarks.results.robots import save_robot
 from benchmarks.results.rows import check_results_folder
-from benchmarks.run.choose import choose, declining_everything, failed_rows
+from benchmarks.run.choose import choose, declining_everything, failed_rows, without_data
 from benchmarks.run.clusters import connect
 from benchmarks.run.plan import run as run_plan
 from benchmarks.run.task_plugins import given_as
@@ -110,7 +110,8 @@ def run(
         again = shlex.join(["castor-bench", "leaderboard", *shown, *first, "--results", str(results)])
         print(f"\nresults in {results}; show them again: {again}")
     unrecorded = [f"cases of {given_as(task)} were not recorded" for task in choice.tasks if task.name in missing]
-    failures = [*unrecorded, *failed_rows(choice.plan, board), *declining_everything(choice, board)]
+    not_run = [f"{given_as(task)} was not run" for task in without_data(choice.tasks, task or [], group or [])]
+    failures = [*not_run, *unrecorded, *failed_rows(choice.plan, board), *declining_everything(choice, board)]
     if failures:
         unnamed = f", and {len(failures) - MOST_NAMED} more" if len(failures) > MOST_NAMED else ""
         where = (

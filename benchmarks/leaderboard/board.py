@@ -78,6 +78,8 @@ class TaskBoard:
     """The board of a task. of_train: it judges estimators of trains.
 
     ceiling and floor: the oracle, where the task has one, and standing still; they are no estimators and have no rank.
+    official: the cases that the task has (`Task.cases`), of which `cases` may be a part, or hold others beside: every
+    seed is one; None where its data are missing.
     missing: why there are no results, or not of all cases. declined: estimators that declined every case, with the
     reason. superseded: estimators with the hash and number of rows of their older sources. odometry: on a board of
     calibration methods (then the `estimator`s of its entries) the estimator that follows the calibrated robots; else
@@ -100,6 +102,12 @@ class TaskBoard:
     spec: str | None = None
     ceiling: Entry | None = None
     floor: Entry | None = None
+    official: Sequence[Case] | None = None
+
+    @property
+    def beyond(self) -> int:
+        """How many of the cases are not among the task's own."""
+        return 0 if self.official is None else len(set(self.cases).difference(self.official))
 
     @property
     def rows(self) -> tuple[Entry, ...]:
@@ -265,6 +273,7 @@ def _board(
         spec=spec_of(task),
         ceiling=beside.get(CEILING),
         floor=beside.get(FLOOR),
+        official=task.cases() if task.missing is None else None,
     )
 
 

@@ -26,7 +26,7 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
     refusals = [f"{declined.estimator} declines {served}: {declined.reason}" for declined in board.declined]
     if not board.entries:
         return refusals
-    meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}"]
+    meaning = [f"mean over {len(board.cases)} case{'s' * (len(board.cases) != 1)}{_of_the_tasks_own(board)}"]
     too_few = len(board.cases) < FEWEST_CASES
     if intervals is not None and not too_few:
         meaning.append(f"{intervals} {100 * LEVEL:.0f} % intervals")
@@ -56,6 +56,20 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
         left_out = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
         notes.append(f"rows of other versions of an estimator's source are left out: {left_out}")
     return notes
+
+
+def _of_the_tasks_own(board: TaskBoard) -> str:
+    """Return how a board's cases differ from those that its task has, nothing where they do not."""
+    if board.official is None or set(board.cases) == set(board.official):
+        return ""
+    own, all_own = len(board.cases) - board.beyond, len(board.official)
+    if not board.beyond:
+        return f" (of the task's {all_own})"
+    return (
+        f" (the task's {all_own} and {board.beyond} more)"
+        if own == all_own
+        else (f" ({own} of the task's {all_own}, and {board.beyond} more)")
+    )
 
 
 def general_notes(leaderboard: Leaderboard) -> list[str]:

@@ -51,6 +51,8 @@ def _board_json(board: TaskBoard) -> dict[str, Any]:
         "primary_metric": board.metric.key,
         "unit": board.metric.unit,
         "cases": len(board.cases),
+        "cases_of_task": None if board.official is None else len(board.official),
+        "cases_beyond": board.beyond,
         "odometry": board.odometry,
         "entries": [_entry_json(entry) for entry in board.entries],
         "ceiling": None if board.ceiling is None else _entry_json(board.ceiling),

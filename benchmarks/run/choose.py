@@ -12,7 +12,7 @@ from benchmarks.run.evaluate import Competitor
 from benchmarks.run.plan import Assignment
 from benchmarks.run.task_plugins import given_as, is_plugged, with_plugged
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
-from benchmarks.tasks.other_robots import OtherRobot
+from benchmarks.tasks.other_robots import OtherRobot, TaskName
 from benchmarks.tasks.task import Task, odometry_of
 from castor_envs.errors import InputError
 from estimators.plugins.find import runs_others_code
@@ -196,6 +196,19 @@ def _refusals(entry: EstimatorEntry, tasks: Sequence[Task], timeout: float) -> d
 def _of_estimators(tasks: Sequence[Task]) -> list[Task]:
     """Return the tasks that judge estimators."""
     return [task for task in tasks if odometry_of(task) is None]
+
+
+def without_data(tasks: Sequence[Task], names: Sequence[str], groups: Sequence[str]) -> list[Task]:
+    """Return which tasks that a user asked for cannot be run for lack of their data.
+
+    Of tasks that only their group names, all or none: a group's other tasks may be what was meant.
+    """
+    lacking = [task for task in tasks if task.missing is not None]
+    if groups and len(lacking) == len(tasks):
+        return lacking
+    return [
+        task for task in lacking if not {given_as(task), task.name, TaskName.of(task.name).official}.isdisjoint(names)
+    ]
 
 
 def failed_rows(plan: Sequence[Assignment], board: boards.Leaderboard) -> list[str]:

@@ -114,6 +114,37 @@ def test_measured_data_are_found(jobs_here, castor_bench, plugin, tmp_path, monk
     assert "not run" not in out
 
 
+def test_a_named_task_without_its_data_makes_the_run_fail(jobs_here, castor_bench, fake_tasks, plugin, monkeypatch):
+    tasks = (
+        fake_tasks.Arcs(),
+        fake_tasks.Arcs(name="measured-arcs", missing="no data"),
+        fake_tasks.Arcs(name="far-arcs", group="far", missing="no data"),
+    )
+    monkeypatch.setattr(choose, "official_tasks", lambda measured=None: tasks)
+    run = ("run", "--cases", 1, "--jobs", 1, "--estimator", plugin("followers:Follower"))
+    for asked_for, lacking in (
+        (("--task", "measured-arcs"), ["measured-arcs"]),
+        (("--task", "arcs", "--task", "measured-arcs"), ["measured-arcs"]),
+        (("--group", "far"), ["far-arcs"]),
+        (("--group", "squares"), []),  # what of the group has its data is run
+        ((), []),
+    ):
+        code, out, err = castor_bench(*run, *asked_for)
+        assert code == bool(lacking), (asked_for, err)
+        said = ", ".join(f"{name} was not run" for name in lacking)
+        assert err.strip() == (f"not all succeeded: {said}; the reasons are above" if lacking else "")
+        assert out.count("not run: no data") >= len(lacking)
+
+
+def test_rescore_says_where_there_is_nothing_to_score(jobs_here, castor_bench, plugin):
+    castor_bench("run", "--task", "arcs", "--cases", 1, "--jobs", 1, "--estimator", plugin("followers:Follower"))
+    code, out, _ = castor_bench("rescore", "--task", "arcs", "--task", "measured-arcs")
+    assert (code, out) == (0, "arcs: 0 of 1 rows changed\nmeasured-arcs: no rows\n")
+    code, _, err = castor_bench("rescore", "--task", "measured-arcs")
+    line = "error: no results of measured-arcs in castor-results; castor-bench run --task NAME makes them\n"
+    assert (code, err) == (2, line)
+
+
 def test_check_passes_and_fails(jobs_here, castor_bench, plugin):
     code, out, _ = castor_bench("check", "cast-0")
     assert code == 0

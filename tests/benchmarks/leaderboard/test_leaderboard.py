@@ -294,3 +294,20 @@ def test_ranks_are_explained_where_there_are_any(board):
     assert explained not in as_markdown(build([board.task], board.results))
     board.put("whole", HARD)
     assert explained in as_markdown(build([board.task], board.results))
+
+
+@pytest.mark.parametrize(
+    ("cases", "said", "beyond"),
+    [
+        (range(8), "mean over 8 cases; ", 0),
+        (range(6), "mean over 6 cases (of the task's 8); ", 0),
+        (range(10), "mean over 10 cases (the task's 8 and 2 more); ", 2),
+        (range(2, 10), "mean over 8 cases (6 of the task's 8, and 2 more); ", 2),
+    ],
+)
+def test_a_board_of_other_cases_than_the_tasks_own_says_so(board, cases, said, beyond):
+    board.put("good", np.linspace(0.01, 0.08, len(cases)), cases=cases)
+    shown = build([board.task], board.results)
+    assert said in as_markdown(shown)
+    (task,) = as_json(shown)["tasks"]
+    assert (task["cases"], task["cases_of_task"], task["cases_beyond"]) == (len(cases), 8, beyond)
