@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically, writing
+from castor_envs.files import check_writable, write_atomically, writing
 from castor_envs.logs.csv import read_log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.load import load_robot
@@ -93,6 +93,8 @@ def _check_new(option: str, path: Path, suffix: str) -> None:
         raise InputError(f"{option} {path}: is there already; name a new file")
     if path.suffix != suffix:
         raise InputError(f"{option} {path}: its name must end in {suffix}")
+    with writing(f"{option} {path}"):
+        check_writable(path)
 
 
 def _check_options(entry: CalibrationEntry, side: float | None, pivots: bool, scatter: Path | None) -> None:

@@ -1,6 +1,8 @@
 """Writing files so that they are whole or not there, and reading them with clear errors."""
 
 import contextlib
+import errno
+import glob
 import hashlib
 import json
 import os
@@ -70,22 +72,71 @@ def check_new_folder(out: Path) -> None:
         raise InputError(f"--out {out}: is there already; name a new folder")
 
 
+def check_writable(path: Path) -> None:
+    """Raise OSError for a file that could not be written, before the work of which it is to hold the result.
+
+    Leaves nothing: a folder that is not there is made only to see whether it can be.
+    """
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+    made = [folder for folder in path.parents if not folder.exists()]
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        descriptor, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=".tmp")
+        os.close(descriptor)
+        os.unlink(temporary)
+    finally:
+        for folder in made:
+            with contextlib.suppress(OSError):  # of what was not made, or is filled meanwhile
+                folder.rmdir()
+
+
 @contextlib.contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
-    """Give a folder to fill that becomes `out` at the end; after an error nothing is left of it.
+    """Give a folder to fill that becomes `out` at the end; after an error or Ctrl-C nothing is left of it.
 
-    Raises InputError where `out`, named by the option --out, exists already or cannot be written.
+    What a killed process left of the same folder is removed first. Raises InputError where `out`, named by the option
+    --out, exists already or cannot be written.
     """
     check_new_folder(out)
+    for left in out.parent.glob(f".{glob.escape(out.name)}.*.partial"):
+        with contextlib.suppress(OSError):
+            _remove_if_left_over(left)
     partial = out.with_name(f".{out.name}.{os.getpid()}.partial")
+    lock = None
+    _partial.add(partial)
     try:
         with writing(f"--out {out}"):
             shutil.rmtree(partial, ignore_errors=True)
             partial.mkdir(parents=True)
+            lock = _locked_folder(partial)
             yield partial
             partial.rename(out)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+        _partial.discard(partial)
+        if lock is not None:
+            os.close(lock)
+
+
+_partial: set[Path] = set()
+"""Folders of `new_folder` that are being filled."""
+
+
+def remove_partial_folders() -> None:
+    """Remove the folders that this process is filling: for a script that ends at once, without cleaning up."""
+    for folder in list(_partial):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _locked_folder(folder: Path) -> int | None:
+    """Lock a folder as long as this process lives; return the descriptor, None where folders have no locks."""
+    if fcntl is None:
+        return None
+    descriptor = os.open(folder, os.O_RDONLY)
+    with contextlib.suppress(OSError):  # of a file system without locks
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+    return descriptor
 
 
 def _locked_temporary(path: Path) -> tuple[int, str]:
@@ -110,12 +161,14 @@ def remove_leftovers(folder: Path) -> None:
 
 
 def _remove_if_left_over(path: Path) -> None:
-    """Remove a temporary file that nobody is writing; raises OSError if it cannot be checked or removed."""
+    """Remove a temporary file or folder that nobody is writing; raises OSError if it cannot be checked or removed."""
+    remove = shutil.rmtree if path.is_dir() and not path.is_symlink() else Path.unlink
     if fcntl is not None:
-        descriptor = os.open(path, os.O_RDWR | os.O_NOFOLLOW | os.O_NONBLOCK)
+        access = os.O_RDWR if remove is Path.unlink else os.O_RDONLY
+        descriptor = os.open(path, access | os.O_NOFOLLOW | os.O_NONBLOCK)
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            path.unlink()
+            remove(path)
             return
         except BlockingIOError:
             return
@@ -124,7 +177,7 @@ def _remove_if_left_over(path: Path) -> None:
         finally:
             os.close(descriptor)
     if time.time() - path.lstat().st_mtime > LEFT_OVER:
-        path.unlink()
+        remove(path)
 
 
 def digest_of(folder: Path) -> str:

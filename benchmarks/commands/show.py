@@ -26,7 +26,7 @@ from benchmarks.results.rows import check_results_folder
 from benchmarks.run.choose import tasks_with
 from benchmarks.run.task_plugins import with_plugged
 from benchmarks.show.command import Following, case_of, show_case, show_log, told_failing
-from benchmarks.show.page import page_of, write_page
+from benchmarks.show.page import check_page, page_of, write_page
 from benchmarks.show.picture import check_picture, write_gif, write_png
 from benchmarks.site.compare import compare as compared
 from benchmarks.site.compare import rows_by_task, side_of
@@ -36,6 +36,7 @@ from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot
 from benchmarks.tasks.task import Task
 from castor_envs.errors import InputError
+from castor_envs.files import check_writable, writing
 
 
 def show(
@@ -82,6 +83,10 @@ def show(
     for option, path, ending in (("--out", out, ".html"), ("--png", png, ".png"), ("--gif", gif, ".gif")):
         if path is not None and path.suffix.lower() != ending:
             raise InputError(f"{option} {path}: its name must end in {ending}")
+        if path is not None and path != out:
+            with writing(f"{option} {path}"):
+                check_writable(path)
+    check_page(out)
     by = Following(estimator or (), method or (), timeout, os.cpu_count() or 1)
     if (log is None) == (task is None):
         raise InputError("give a log and --robot, or --task and --case: castor-bench show --help")

@@ -8,7 +8,7 @@ from pathlib import Path
 from benchmarks.robots import summary
 from benchmarks.robots.questions import asked
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically, writing
+from castor_envs.files import check_writable, write_atomically, writing
 from castor_envs.rendering.layout import layout_figure
 from castor_envs.vehicles.load import Vehicle, load_vehicle
 from castor_envs.vehicles.plausibility import remarks
@@ -46,13 +46,18 @@ def check_robot(file: str, png: Path | None, as_json: bool) -> bool:
 
 
 def new_robot(file: str, png: Path | None, force: bool) -> None:
-    """Ask for a robot and write it to `file`; raises InputError, before any question, where a file is there already."""
+    """Ask for a robot and write it to `file`.
+
+    Raises InputError, before any question, where a file is there already, or none can be written.
+    """
     _check_picture(png)
     path = Path(file)
     if path.suffix != ".json":
         raise InputError(f"{file}: robot files end in .json; name one")
     if path.exists() and not force:
         raise InputError(f"{file}: is there already; name a new file, or give --force to replace it")
+    with writing(file):
+        check_writable(path)
     robot = asked()
     with writing(file):
         robot.save(path)
@@ -71,8 +76,11 @@ def draw(vehicle: Vehicle, png: Path) -> None:
 
 
 def _check_picture(png: Path | None) -> None:
-    if png is not None and png.suffix.lower() != ".png":
-        raise InputError(f"--png {png}: pictures end in .png; name one")
+    if png is not None:
+        if png.suffix.lower() != ".png":
+            raise InputError(f"--png {png}: pictures end in .png; name one")
+        with writing(f"--png {png}"):
+            check_writable(png)
 
 
 def _remarked(vehicle: Vehicle) -> list[str]:

@@ -10,7 +10,7 @@ from benchmarks.show.drives import Drive, Shown
 from benchmarks.show.figures import error_charts, path_map, slip_charts
 from benchmarks.show.slip import slips_of
 from castor_envs.errors import InputError
-from castor_envs.files import write_atomically, writing
+from castor_envs.files import check_writable, write_atomically, writing
 from castor_envs.rendering.pages.page import MARK, render
 
 
@@ -63,13 +63,20 @@ def _shown(metric: Metric, shown: Shown, name: str) -> str:
     return metric.shown(shown.scores[name].get(metric.name))
 
 
-def write_page(path: Path, page: str) -> None:
-    """Write a page; raises InputError rather than replace a file that is not one of these pages."""
+def check_page(path: Path) -> None:
+    """Raise InputError where a page cannot be written, or would replace a file that is not one of these pages."""
     if path.exists():
         ours = False
         with contextlib.suppress(OSError):
             ours = MARK.encode() in path.read_bytes()[:2000]
         if not ours:
             raise InputError(f"--out {path}: is there already, and no page of this command; name another file")
+    with writing(f"--out {path}"):
+        check_writable(path)
+
+
+def write_page(path: Path, page: str) -> None:
+    """Write a page; raises InputError where `check_page` does."""
+    check_page(path)
     with writing(f"--out {path}"):
         write_atomically(path, page)

@@ -23,6 +23,7 @@ import typer
 from castor_envs import __version__
 from castor_envs.cli.commands import Commands
 from castor_envs.errors import InputError, message_of, printable
+from castor_envs.files import remove_partial_folders
 from castor_envs.shadowed import is_explained
 
 TRACEBACK = "--traceback"
@@ -148,7 +149,7 @@ def _stop(number: int, frame: FrameType | None) -> NoReturn:
     with contextlib.suppress(Exception):
         show_cursor = "\x1b[?25h\n" if os.isatty(2) else ""  # a progress bar hides it
         os.write(2, f"{show_cursor}{_stopped()}\n".encode())
-    for ending in reversed(_endings):
+    for ending in (*reversed(_endings), remove_partial_folders):
         with contextlib.suppress(Exception):
             ending()
     os._exit(INTERRUPTED)

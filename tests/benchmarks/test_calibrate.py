@@ -229,3 +229,12 @@ def test_what_rounds_to_zero_has_no_sign(squares, tmp_path, capsys, monkeypatch)
     assert "y 0.0 ± " in text
     assert "turned by 0.00 ± " in text
     assert text.count("gains 0.0 ms/s") == len(paths)
+
+
+def test_what_cannot_be_written_is_told_before_logs_are_read(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    at, beside = tmp_path / "file" / "new.json", tmp_path / "new.json"
+    for options in (("--out", at), ("--out", beside, "--scatter", tmp_path / "file" / "new.png", "--side", 1.5)):
+        code, _, err = call(capsys, "gone.csv", "--robot", "differential", *options)
+        assert (code, "cannot be written to" in err, "gone.csv" in err) == (2, True, False)
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -8,7 +8,7 @@ import time
 
 import pytest
 
-from castor_envs.files import LEFT_OVER, remove_leftovers, write_atomically
+from castor_envs.files import LEFT_OVER, check_writable, new_folder, remove_leftovers, write_atomically
 
 WRITER = """
 import os, sys
@@ -75,3 +75,63 @@ def test_a_file_that_does_not_fit_is_named_and_leaves_what_was_there(tmp_path):
     assert raised.value.filename == str(path)
     assert path.read_text() == "before"
     assert list(tmp_path.iterdir()) == [path]
+
+
+FILLER = """
+import sys
+from pathlib import Path
+import typer
+from castor_envs.cli import command_line
+from castor_envs.files import new_folder
+app = typer.Typer()
+@app.command()
+def fill(out: Path):
+    with new_folder(out) as partial:
+        (partial / "half").write_text("")
+        print("writing", flush=True)
+        sys.stdin.read()
+command_line.main(app)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="needs file locks and signals")
+def test_a_folder_half_filled_goes_with_ctrl_c_and_that_of_a_killed_process_with_the_next(tmp_path):
+    out = tmp_path / "out [1]"
+
+    def filling():
+        process = subprocess.Popen(
+            [sys.executable, "-c", FILLER, out], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        assert process.stdout is not None
+        assert process.stdout.readline() == "writing\n"
+        return process
+
+    stopped, killed, living = filling(), filling(), filling()
+    assert len(list(tmp_path.iterdir())) == 3
+    stopped.send_signal(signal.SIGINT)
+    assert stopped.wait() == 130
+    assert len(list(tmp_path.iterdir())) == 2
+    killed.send_signal(signal.SIGKILL)
+    killed.wait()
+    with new_folder(out) as partial:
+        names = {path.name for path in tmp_path.iterdir()}
+        assert names == {partial.name, f".{out.name}.{living.pid}.partial"}
+        (partial / "mine").write_text("")
+    living.kill()
+    for process in (stopped, killed, living):
+        process.communicate()
+    assert [path.name for path in out.iterdir()] == ["mine"]
+
+
+def test_what_cannot_be_written_is_known_before_and_nothing_is_left(tmp_path):
+    check_writable(tmp_path / "deep" / "in" / "it.json")
+    check_writable(tmp_path / "it.json")
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "there.json").write_text("as it was")
+    check_writable(tmp_path / "there.json")
+    (tmp_path / "folder").mkdir()
+    for path in (tmp_path / "there.json" / "it.json", tmp_path / "folder"):
+        with pytest.raises(OSError, match=r"Not a directory|Is a directory|File exists"):
+            check_writable(path)
+    assert {path.name for path in tmp_path.iterdir()} == {"folder", "there.json"}
+    assert (tmp_path / "there.json").read_text() == "as it was"

@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 from benchmarks import cli
 from castor_envs.cli import command_line
+from castor_envs.errors import InputError
 from castor_envs.vehicles.load import load_robot, load_vehicle
 from castor_envs.vehicles.presets import preset
 
@@ -206,3 +207,14 @@ def test_a_file_is_replaced_only_by_force_and_never_by_half_an_answer(answer, tm
     assert (tmp_path / "new.json").read_text() == "mine"
     assert answer(ANSWERS["differential"], "new.json", "--new", "--force").exit_code == 0
     assert load_vehicle("new.json").name == "my robot"
+
+
+@pytest.mark.parametrize("option", ["--new", "--png"])
+def test_a_file_that_cannot_be_written_is_told_before_any_question(answer, tmp_path, option):
+    (tmp_path / "file").write_text("")
+    named = {"--new": ("--new", "file/new.json"), "--png": ("--new", "new.json", "--png", "file/new.png")}[option]
+    found = answer(ANSWERS["differential"], *named)
+    assert isinstance(found.exception, InputError)
+    assert "cannot be written to" in str(found.exception)
+    assert found.stdout == ""
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -265,6 +265,14 @@ MISTAKES = {
     "other picture": (("--task", "arcs", "--png", "mine.png"), "mine.png: is there already, and no picture of this"),
     "other animation": (("--task", "arcs", "--gif", "mine.gif"), "mine.gif: is there already, and no picture of this"),
     "other file": (("--task", "arcs", "--out", "mine.html"), "is there already, and no page of this command"),
+    "other file, before anyone is run": (
+        ("--task", "arcs", "--out", "mine.html", "--estimator", "nobody"),
+        "is there already, and no page of this command",
+    ),
+    "no folder of a picture, before anyone is run": (
+        ("--task", "arcs", "--gif", "mine.html/x.gif", "--estimator", "nobody"),
+        "--gif mine.html/x.gif: cannot be written to (",
+    ),
 }
 
 
