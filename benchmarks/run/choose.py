@@ -14,6 +14,7 @@ from benchmarks.run.task_plugins import given_as, is_plugged, with_plugged
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
 from benchmarks.tasks.other_robots import OtherRobot, TaskName
 from benchmarks.tasks.task import Task, odometry_of
+from castor_envs.cli.contained import contained
 from castor_envs.errors import InputError
 from estimators.plugins.find import runs_others_code
 from estimators.plugins.registry import (
@@ -134,13 +135,17 @@ def entries_named(specs: Sequence[str], timeout: float, load: Load) -> tuple[Com
     """Return the estimators or methods that specs name, each once; raises InputError for two that share a name.
 
     Each plug-in is first loaded in a separate process: a plug-in that hangs or ends its process on import is refused.
+    What it prints on import is dropped.
     """
     role = ESTIMATOR if load is load_estimator else CALIBRATION
     entries: dict[str, Competitor] = {}
     for spec in specs:
         if runs_others_code(spec, role):
             load_apart(spec, timeout, load)
-        entry = load(spec)
+            with contained():
+                entry = load(spec)
+        else:
+            entry = load(spec)
         known = entries.setdefault(entry.name, entry)
         if known.source_hash != entry.source_hash:
             kind = "estimators" if isinstance(entry, EstimatorEntry) else "calibration methods"

@@ -11,6 +11,7 @@ from benchmarks.results.episodes import file_name
 from benchmarks.run.check import load_apart
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Episode, Task
+from castor_envs.cli.contained import contained
 from castor_envs.errors import InputError, did_you_mean, one_line
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
@@ -43,7 +44,8 @@ class PluggedTask:
 
     def cases(self, n: int | None = None) -> Sequence[Case]:
         """Return the first n cases, None: all; raises InputError for what is no case or has a name that no file has."""
-        cases = self._task.cases() if n is None else self._task.cases(n)
+        with contained():
+            cases = self._task.cases() if n is None else self._task.cases(n)
         for case in cases:
             try:
                 if not (isinstance(case, str) or (type(case) is int and case >= 0)):
@@ -57,7 +59,8 @@ class PluggedTask:
         """Return the episode of a case; raises InputError for whatever the task raises, and for what is no episode."""
         place = f"task {self.spec!r}, case {case!r}"
         try:
-            episode = self._task.record(case)
+            with contained():
+                episode = self._task.record(case)
         except InputError:
             raise
         except Exception as error:
@@ -98,6 +101,11 @@ def given_as(task: Task) -> str:
 
 def load_task(spec: str) -> PluggedTask:
     """Return the task that ``file.py[:Class]`` or ``module:Class`` names; raises InputError with what to do."""
+    with contained():
+        return _loaded(spec)
+
+
+def _loaded(spec: str) -> PluggedTask:
     found, place = find(spec, TASK), f"task {spec!r}"
     try:
         task = found.kind()

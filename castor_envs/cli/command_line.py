@@ -22,6 +22,7 @@ import typer
 
 from castor_envs import __version__
 from castor_envs.cli.commands import Commands
+from castor_envs.cli.contained import leave
 from castor_envs.errors import InputError, message_of, printable
 from castor_envs.files import remove_partial_folders
 from castor_envs.shadowed import is_explained
@@ -100,6 +101,9 @@ def main(app: typer.Typer) -> NoReturn:
         signal.signal(signal.SIGINT, _stop)
     try:
         run(app)
+    except SystemExit as leaving:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        leave(leaving.code if isinstance(leaving.code, int) else 0)
     finally:
         # Only the interpreter's shutdown is left, which Ctrl-C would disturb.
         signal.signal(signal.SIGINT, signal.SIG_IGN)

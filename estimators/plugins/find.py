@@ -1,5 +1,6 @@
 """Finds classes by name: built in, or plugged in by an entry point, in a module, or in a file of the user's."""
 
+import contextlib
 import hashlib
 import importlib
 import importlib.metadata
@@ -190,10 +191,12 @@ def _as_module(file: Path, class_name: str) -> str:
 def _imported(run: Callable[[], ModuleType], origin: str, file: str | None, as_module: str = "") -> ModuleType:
     """Return what `run` imports; turns whatever the user's code raises into one line, with the line in `file`.
 
-    as_module: how to name a file that imports relatively to its package.
+    as_module: how to name a file that imports relatively to its package. The current folder stays what it is: the names
+    of files are relative to it.
     """
     try:
-        return run()
+        with contextlib.chdir(os.curdir):
+            return run()
     except what_plug_ins_raise() as error:
         lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
         if isinstance(error, SyntaxError) and error.filename == file:

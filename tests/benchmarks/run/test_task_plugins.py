@@ -4,6 +4,7 @@ import json
 import pickle
 import re
 import shlex
+import subprocess
 import sys
 from pathlib import Path
 
@@ -180,3 +181,36 @@ def test_a_robot_of_the_users_is_refused_beside_it(call):
     code, _, err = call("run", "--task", "my_task.py", "--robot", "differential")
     assert code == 2
     assert "has a robot of its own" in err
+
+
+LOUD = """
+import os, sys, threading, time
+print("loaded")
+os.write(1, b"loaded by a library")
+sys.__stdout__.write("loaded")
+os.chdir("/")
+sys.stdout = open(os.devnull, "w")
+threading.Thread(target=time.sleep, args=(3600,)).start()
+"""
+
+
+def test_what_a_plug_in_does_on_import_leaves_the_command_as_it_is(tmp_path):
+    """Its output is dropped, names are of the same folder, and its threads do not keep the command from ending."""
+    printing = CORRIDOR.replace("        t = 0.05 *", "        print('recording')\n        t = 0.05 *")
+    assert printing != CORRIDOR
+    Path("my_task.py").write_text(LOUD + printing)
+    Path("mine.py").write_text(LOUD + "from estimators import WheelOdometry\nclass Mine(WheelOdometry): ...\n")
+    here = ["--task", "my_task.py", "--results", "there"]
+    told = []
+    for line in (
+        ["run", *here, "--estimator", "mine.py", "--estimator", "wheel-odometry", "--cases", "1"],
+        ["compare", "mine.py", "wheel-odometry", *here, "--json"],
+        ["export", "my_task.py", "--out", "episodes"],
+    ):
+        command = [sys.executable, "-m", "benchmarks", *line]
+        ended = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=600)
+        assert (ended.returncode, "loaded" in ended.stdout) == (0, False), ended.stderr
+        told.append(ended.stdout)
+    assert json.loads(told[1])["format"] == "castor-compare/1"
+    assert re.fullmatch(r"episodes: 1 case\(s\) of corridor\[[0-9a-f]{16}\]\n", told[2])
+    assert {path.name for path in tmp_path.iterdir()} >= {"there", "episodes"}
