@@ -2,6 +2,7 @@
 
 import io
 import json
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from string import ascii_letters
@@ -11,17 +12,20 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.options import LOADING
 from castor_envs.errors import InputError
 from castor_envs.files import check_writable, write_atomically, writing
 from castor_envs.logs.csv import read_log
 from castor_envs.motion.kinematics import Geometry
+from castor_envs.processes import Job, OneWorker
 from castor_envs.vehicles.load import load_robot
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.calibration.identifiability import COVERAGE
 from estimators.calibration.parameters import parameters_of, values_of
 from estimators.calibration.protocol import Recording, Report, ReportingMethod, Result
 from estimators.calibration.umbmark import directions_of, return_errors
-from estimators.plugins.registry import CalibrationEntry, load_calibration
+from estimators.plugins.find import runs_others_code
+from estimators.plugins.registry import CALIBRATION, CalibrationEntry, load_calibration
 
 FORMAT = "castor-calibration/1"
 SHOWN = {"m": ("mm", 1e3), "rad": ("deg", 180 / np.pi), "1": ("1", 1.0)}
@@ -50,13 +54,11 @@ def calibrate_logs(
     if scatter is not None:
         _check_new("--scatter", scatter, ".png")
     described = load_robot(robot)
-    entry = load_calibration(method or ("maximum-likelihood" if side is None else "umbmark-correction"))
+    spec = method or ("maximum-likelihood" if side is None else "umbmark-correction")
+    entry = _entry(spec)
     _check_options(entry, side, pivots, scatter)
     recordings = _read(logs, described, side)
-    made = entry.kind(pivots=True) if pivots else entry.factory()
-    report = made.report(described, recordings) if isinstance(made, ReportingMethod) else None
-    if report is None:
-        report = difference(described, made.calibrate(described, recordings))
+    report = (_of_built_in if entry.builtin else _of_plug_in)(entry, described, recordings, pivots)
     picture = None if scatter is None or side is None else _drawn(described, report.calibrated, recordings, side)
     with writing(f"--out {out}"):
         report.calibrated.save(out)
@@ -66,7 +68,7 @@ def calibrate_logs(
         except OSError as error:
             out.unlink()
             raise InputError(f"--scatter {scatter}: cannot be written to ({error.strerror or error})") from None
-    title = getattr(made, "title", entry.name)
+    title = str(getattr(entry.kind, "title", entry.name))
     if as_json:
         print(json.dumps(_as_json(title, described, report), indent=2, allow_nan=False))
         return
@@ -76,6 +78,48 @@ def calibrate_logs(
         kept = f"the robot file's effects ({names}) are kept; leave out those that were calibrated"
         console.print(kept, highlight=False, markup=False, soft_wrap=True)
     console.print(f"{out}: the calibrated robot", highlight=False, markup=False, soft_wrap=True)
+
+
+def _entry(spec: str) -> CalibrationEntry:
+    if not runs_others_code(spec, CALIBRATION):
+        return load_calibration(spec)
+    from benchmarks.run.choose import entries_named  # half as long to import as all the rest
+
+    (entry,) = entries_named((spec,), LOADING, load_calibration)
+    return entry
+
+
+def _of_built_in(
+    entry: CalibrationEntry, robot: RobotDescription, recordings: Sequence[Recording], pivots: bool
+) -> Report:
+    made = entry.kind(pivots=True) if pivots else entry.factory()
+    if isinstance(made, ReportingMethod):
+        return made.report(robot, recordings)
+    return difference(robot, made.calibrate(robot, recordings))
+
+
+def _of_plug_in(
+    entry: CalibrationEntry, robot: RobotDescription, recordings: Sequence[Recording], pivots: bool
+) -> Report:
+    """Return the report of a method of others, from a process of its own; raises InputError where it fails or declines.
+
+    Without a time limit: Ctrl-C ends it.
+    """
+    from benchmarks.run.evaluate import answered
+    from benchmarks.run.worker_calibrate import report_calibration
+    from benchmarks.run.worker_estimate import Failure
+
+    worker = OneWorker()
+    try:
+        outcome = worker.outcome(
+            Job(report_calibration, (entry.spec, entry.source_hash, robot, tuple(recordings), pivots))
+        )
+    finally:
+        worker.close()
+    answer = answered(outcome, math.inf, f"calibration method {entry.name!r}")
+    if isinstance(answer, Failure):
+        raise InputError(f"calibration method {entry.name!r} {answer.reason}")
+    return answer if isinstance(answer, Report) else difference(robot, answer)
 
 
 def difference(robot: RobotDescription, calibrated: RobotDescription) -> Report:

@@ -4,8 +4,13 @@ The method gets the robot as described and the recordings; the odometry gets wha
 runs is not in this process.
 """
 
+import copy
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
+
+import numpy as np
 
 from benchmarks.results.rows import DECLINED
 from benchmarks.run.worker_estimate import (
@@ -22,8 +27,8 @@ from castor_envs.errors import InputError, message_of, one_line
 from castor_envs.geometry.arrays import Array
 from castor_envs.processes import end_if_forked
 from castor_envs.vehicles.robot import RobotDescription
-from estimators.calibration.protocol import Recording
-from estimators.plugins.registry import declines, load_calibration
+from estimators.calibration.protocol import SEEN, UNITS, Recording, Report, ReportingMethod, Result
+from estimators.plugins.registry import CalibrationEntry, declines, load_calibration
 
 _LAYOUT = (
     ("", ("sample_period", "effects")),
@@ -76,19 +81,76 @@ def calibrate_and_follow(spec: str, source_hash: str, seen: ObservedCalibration)
     return Calibrated(robot, [estimate.poses for estimate in answer])
 
 
-def _calibrated(spec: str, source_hash: str, seen: ObservedCalibration) -> RobotDescription:
-    entry, stage = loaded(load_calibration, spec, source_hash), "when constructed"
+def report_calibration(
+    spec: str, source_hash: str, robot: RobotDescription, recordings: Sequence[Recording], pivots: bool
+) -> Report | RobotDescription | Failure:
+    """Return what a method makes of a user's logs: its report, the robot alone if it gives none, or how it failed.
+
+    pivots: whether it is to find the places of free castors' pivots too. A report holds plain data alone, so that the
+    parent needs none of the method's own classes.
+    """
     try:
-        method = entry.factory()
-        stage = "in calibrate"
-        answer = method.calibrate(seen.robot, seen.recordings)
+        answer = _answer(loaded(load_calibration, spec, source_hash), robot, recordings, reporting=True, pivots=pivots)
+        return _plain(answer, robot) if isinstance(answer, Report) else _checked(answer, robot)
+    except FailedError as failure:
+        return Failure(str(failure))
+
+
+def _calibrated(spec: str, source_hash: str, seen: ObservedCalibration) -> RobotDescription:
+    answer = _answer(loaded(load_calibration, spec, source_hash), seen.robot, seen.recordings)
+    return _checked(answer, seen.robot)
+
+
+def _answer(
+    entry: CalibrationEntry,
+    robot: RobotDescription,
+    recordings: Sequence[Recording],
+    reporting: bool = False,
+    pivots: bool = False,
+) -> Any:
+    """Return what a method answers, unchecked; raises FailedError for what it raises. reporting: its report, if any."""
+    stage, given = "when constructed", copy.deepcopy(robot)  # what a method writes into it changes no check
+    try:
+        method = entry.kind(pivots=True) if pivots else entry.factory()
+        reports = reporting and isinstance(method, ReportingMethod)
+        stage = "in report" if reports else "in calibrate"
+        answer = method.report(given, recordings) if reports else method.calibrate(given, recordings)
     except BaseException as error:
         end_if_forked()
-        if stage == "in calibrate" and (reason := declines(error, seen.robot)) is not None:
+        if stage != "when constructed" and (reason := declines(error, given)) is not None:
             raise FailedError(DECLINED + reason) from None
         raise FailedError(f"{raised(error)} {stage}") from None
     end_if_forked()
-    return _checked(answer, seen.robot)
+    if reports and not isinstance(answer, Report):
+        raise FailedError(f"returned {type(answer).__name__} instead of a Report")
+    return answer
+
+
+def _plain(report: Report, described: RobotDescription) -> Report:
+    """Return a report of plain data; raises FailedError for one that cannot be shown."""
+    calibrated = _checked(report.calibrated, described)
+    try:
+        unseen = {str(what): str(sentence) for what, sentence in report.unseen.items()}
+        more = json.loads(json.dumps(report.more, allow_nan=False))
+        results = tuple(_plain_result(result, unseen) for result in report.results)
+        return Report(results, calibrated, unseen, tuple(map(str, report.remarks)), more)
+    except Exception as error:
+        raise FailedError(f"returned a report that cannot be shown: {one_line(error)}") from None
+
+
+def _plain_result(result: Result, unseen: Mapping[str, str]) -> Result:
+    """Return a number of a report as plain data; raises an exception for what is none, or rests on nothing told."""
+    error = result.standard_error
+    numbers = (result.before, result.after, 0.0 if error is None else error)
+    before, after, standard_error = (float(number) for number in numbers)
+    if not np.isfinite((before, after, standard_error)).all():
+        raise ValueError(f"{result.name}: {numbers} are not all finite")
+    if result.unit not in UNITS or result.seen not in SEEN or not set(result.rests_on) <= set(unseen):
+        raise ValueError(f"{result.name}: unit {result.unit!r}, seen {result.seen!r}, rests on {result.rests_on!r}")
+    kept = None if error is None else standard_error
+    return Result(
+        str(result.name), str(result.unit), before, after, kept, result.seen, tuple(map(str, result.rests_on))
+    )
 
 
 def _checked(answer: Any, described: RobotDescription) -> RobotDescription:

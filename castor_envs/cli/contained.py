@@ -4,6 +4,7 @@ Estimators, methods and tasks run in processes of their own (`castor_envs.proces
 their names and sources.
 """
 
+import atexit
 import contextlib
 import os
 import signal
@@ -81,8 +82,10 @@ def _flush() -> None:
 
 @cache
 def _nowhere() -> TextIO:
-    """Return a stream that drops everything; it stays open, as code of others may keep it."""
-    return open(os.devnull, "w", encoding="utf-8")
+    """Return a stream that drops everything; it stays open to the end, as code of others may keep it."""
+    stream = open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115 - a context would close it
+    atexit.register(stream.close)
+    return stream
 
 
 def _folder() -> str | None:

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, Protocol, runtime_checkable
+from typing import Any, Literal, Protocol, get_args, runtime_checkable
 
 from castor_envs.errors import InputError
 from castor_envs.logs.log import Log
@@ -47,11 +47,17 @@ class CalibrationMethod(Protocol):
         ...
 
 
+UNITS = ("m", "rad", "1")
+"""Of a robot's numbers."""
+Seen = Literal["yes", "partly", "no"]
+SEEN: tuple[Seen, ...] = get_args(Seen)
+
+
 @dataclass(frozen=True)
 class Result:
     """One number of the robot file: before, after, and its standard error (None where no method gives it), in `unit`.
 
-    unit: "m", "rad" or "1". seen: "no": it keeps the file's number; "partly": the error holds only if unseen changes
+    unit: one of `UNITS`. seen: "no": it keeps the file's number; "partly": the error holds only if unseen changes
     that move this number by more are right in the file. rests_on: names of these changes.
     """
 
@@ -60,7 +66,7 @@ class Result:
     before: float
     after: float
     standard_error: float | None
-    seen: Literal["yes", "partly", "no"] = "yes"
+    seen: Seen = "yes"
     rests_on: tuple[str, ...] = ()
 
 

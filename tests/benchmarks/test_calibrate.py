@@ -238,3 +238,91 @@ def test_what_cannot_be_written_is_told_before_logs_are_read(tmp_path, capsys):
         code, _, err = call(capsys, "gone.csv", "--robot", "differential", *options)
         assert (code, "cannot be written to" in err, "gone.csv" in err) == (2, True, False)
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+METHODS = """
+import os, sys, time
+from castor_envs.errors import Declined
+from castor_envs.vehicles.presets import preset
+from estimators.calibration.protocol import Report, Result
+print("loaded")
+
+class Same:
+    def calibrate(self, robot, recordings):
+        print("calibrating")
+        return robot
+
+class Other(Same):
+    def calibrate(self, robot, recordings):
+        return preset("asoc-prototype")
+
+class Nothing(Same):
+    def calibrate(self, robot, recordings):
+        return None
+
+class Raises(Same):
+    def calibrate(self, robot, recordings):
+        return 1 / 0
+
+class Refuses(Same):
+    def calibrate(self, robot, recordings):
+        raise Declined("needs six legs")
+
+class Exits(Same):
+    def calibrate(self, robot, recordings):
+        raise SystemExit(0)
+
+class Dies(Same):
+    def calibrate(self, robot, recordings):
+        os._exit(0)
+
+class Spoils(Same):
+    def calibrate(self, robot, recordings):
+        object.__setattr__(robot, "sample_period", 7.0)
+        return robot
+
+class Reports(Same):
+    title, takes_squares, finds_pivots = "a report", False, False
+    unit = "m"
+
+    def report(self, robot, recordings):
+        class Mine(str): ...
+        return Report((Result("wheel base", self.unit, 0.34, 0.35, 0.001),), robot, remarks=(Mine("so it is"),))
+
+class Unshowable(Reports):
+    unit = "furlong"
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Other", "returned a robot of another layout: wheels of its castors"),
+        ("Nothing", "returned NoneType instead of a RobotDescription"),
+        ("Raises", "raised ZeroDivisionError: division by zero in calibrate"),
+        ("Refuses", "declined: needs six legs"),
+        ("Exits", "raised SystemExit: 0 in calibrate"),
+        ("Dies", "ended its process (exit code 0)"),
+        ("Spoils", "returned a robot of another layout: sample_period is 7.0"),
+        ("Unshowable", "returned a report that cannot be shown: ValueError: wheel base: unit 'furlong'"),
+    ],
+)
+def test_what_is_wrong_with_a_method_of_others_is_one_line(squares, tmp_path, capsys, name, said):
+    robot, paths = squares
+    (tmp_path / "mine.py").write_text(METHODS)
+    method, out = f"{tmp_path / 'mine.py'}:{name}", tmp_path / "new.json"
+    code, text, err = call(capsys, *paths, "--robot", robot, "--method", method, "--out", out)
+    assert (code, text, out.exists()) == (2, "", False)
+    assert err.startswith(f"error: calibration method 'mine:{name}' {said}"), err
+    assert err.count("\n") == 1
+
+
+@pytest.mark.parametrize(("name", "rows"), [("Same", 3), ("Reports", 1)])
+def test_a_method_of_others_prints_nothing_into_the_report(squares, tmp_path, capfd, name, rows):
+    robot, paths = squares
+    (tmp_path / "mine.py").write_text(METHODS)
+    method, out = f"{tmp_path / 'mine.py'}:{name}", tmp_path / "new.json"
+    code, text, err = call(capfd, *paths, "--robot", robot, "--method", method, "--out", out, "--json")
+    assert (code, err) == (0, "")
+    assert len(json.loads(text)["parameters"]) >= rows
+    assert RobotDescription.load(out).hash() == load_robot(str(robot)).hash()
