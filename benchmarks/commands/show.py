@@ -29,7 +29,7 @@ from benchmarks.show.command import Following, case_of, show_case, show_log, tol
 from benchmarks.show.page import check_page, page_of, write_page
 from benchmarks.show.picture import check_picture, write_gif, write_png
 from benchmarks.site.compare import compare as compared
-from benchmarks.site.compare import rows_by_task, side_of
+from benchmarks.site.compare import of_other_sources, rows_by_task, side_of
 from benchmarks.site.compare_views import as_json, print_comparison, write_comparison
 from benchmarks.site.pages import write_site
 from benchmarks.tasks import official_tasks, select_tasks, tasks_on
@@ -144,13 +144,13 @@ def compare(
     chosen = _chosen(task, group, results, measured)
     rows = rows_by_task(chosen, results)
     a, b = (side_of(text, rows, results, LOADING) for text in (first, second))
-    found = compared(a, b, rows, chosen, results)
+    found, left_out = compared(a, b, rows, chosen, results), of_other_sources((a, b), rows)
     if out is not None:
-        write_comparison(found, results, out)
+        write_comparison(found, results, out, left_out)
     if as_json_text:
-        print(json.dumps(as_json(found), indent=2, allow_nan=False))
+        print(json.dumps(as_json(found, left_out), indent=2, allow_nan=False))
         return
-    print_comparison(found, console())
+    print_comparison(found, console(), left_out)
     if out is not None:
         print(f"{out / 'index.html'}: with the pages of the cases that differ most")
 

@@ -1,6 +1,6 @@
 """Two estimators, versions or sets of parameters on the same cases: better, worse, or not distinguishable."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -11,12 +11,13 @@ from benchmarks.leaderboard.ranking import FEWEST_CASES, Interval, different, in
 from benchmarks.results.asked import Asked, asked, latest_source
 from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.run.choose import entries_named
+from benchmarks.run.evaluate import Competitor
 from benchmarks.scoring.metric import Metric
 from benchmarks.scoring.registry import BOARD_METRICS
 from benchmarks.tasks.task import Case, Task
-from castor_envs.errors import InputError, did_you_mean
+from castor_envs.errors import InputError, did_you_mean, shortened
 from estimators.plugins.find import runs_others_code
-from estimators.plugins.registry import ESTIMATOR, load_estimator
+from estimators.plugins.registry import CALIBRATION, ESTIMATOR, load_calibration, load_estimator
 
 MOST_CASES = 3
 """That differ most, which are named and drawn."""
@@ -35,18 +36,14 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True)
 class Side:
-    """One of the two: the name that rows have, and the source hash or its beginning; None: the one on the board."""
+    """One of the two: the name and the source hash that its rows have, the same in all tasks."""
 
     name: str
-    source: str | None = None
+    source: str
 
-    def rows(self, rows: Sequence[Row], last: Mapping[str, Asked]) -> dict[Case, Row]:
-        """Return its rows of a task by case, all of one source. last: what runs asked for last."""
-        found = [row for row in rows if row.estimator == self.name and row.source_hash.startswith(self.source or "")]
-        if not found:
-            return {}
-        source = latest_source(found, last.get(self.name))
-        return {row.case: row for row in found if row.source_hash == source}
+    def rows(self, rows: Sequence[Row]) -> dict[Case, Row]:
+        """Return its rows of a task by case."""
+        return {row.case: row for row in rows if (row.estimator, row.source_hash) == (self.name, self.source)}
 
 
 @dataclass(frozen=True)
@@ -84,7 +81,8 @@ def rows_by_task(tasks: Sequence[Task], results: Path) -> dict[str, list[Row]]:
 def side_of(text: str, stored: Mapping[str, Sequence[Row]], results: Path, timeout: float) -> Side:
     """Return the side that a text names: a name or the spec of a plug-in, with parameters, each with @HASH or without.
 
-    HASH: the beginning of its source's hash; without, of a name the one on the board, and a plug-in as it is now.
+    HASH: the beginning of its source's hash. Without, a name has the source that boards show, where they differ the one
+    with the newest rows of these, and a plug-in is taken as it is now.
 
     timeout: s, that a plug-in may take to be loaded. Raises InputError for what has no rows.
     """
@@ -92,21 +90,56 @@ def side_of(text: str, stored: Mapping[str, Sequence[Row]], results: Path, timeo
     for row in (row for rows in stored.values() for row in rows):
         sources.setdefault(row.estimator, set()).add(row.source_hash)
     name, at, source = text.rpartition("@")
-    spec, version = (text, None) if text in sources or not at else (name, source)
-    side = Side(spec, version)
-    if spec not in sources and runs_others_code(spec, ESTIMATOR):
-        (entry,) = entries_named((spec,), timeout, load_estimator)
-        side = Side(entry.name, version or entry.source_hash)
-    elif spec not in sources and "?" in spec:
-        side = Side(load_estimator(spec).name, version)
-    known = sources.get(side.name)
+    spec, version = (text, "") if text in sources or not at else (name, source)
+    if spec not in sources:
+        if (entry := _loaded(spec, sources, timeout)) is not None:
+            spec, version = entry.name, version or entry.source_hash
+        elif "?" in spec:
+            spec = load_estimator(spec).name
+    known = sources.get(spec)
     if known is None:
         meant = did_you_mean(text, sources) if sources else ""
         raise InputError(f"{text!r} has no rows in {results}; castor-bench run computes them{meant}")
-    if side.source is not None and not any(one.startswith(side.source) for one in known):
-        of = ", ".join(sorted(one[:HASH] for one in known))
-        raise InputError(f"{text!r}: {side.name} has no rows of source {side.source[:HASH]} in {results}, only of {of}")
-    return side
+    if not any(one.startswith(version) for one in known):
+        raise InputError(
+            f"{text!r}: {spec} has no rows of source {version[:HASH]} in {results}, only of {_hashes(known)}"
+        )
+    return Side(spec, _shown_source(spec, version, stored, results))
+
+
+def _loaded(spec: str, known: Container[str], timeout: float) -> Competitor | None:
+    """Return the estimator or the method of others that a spec names, the one whose name is known before the other.
+
+    None for what is nobody's code; raises InputError where it can be loaded as neither.
+    """
+    found: list[Competitor] = []
+    refused: list[InputError] = []
+    for role, load in ((ESTIMATOR, load_estimator), (CALIBRATION, load_calibration)):
+        if runs_others_code(spec, role):
+            try:
+                found += entries_named((spec,), timeout, load)
+            except InputError as error:
+                refused.append(error)
+    if refused and not found:
+        raise refused[0]
+    return next((entry for entry in found if entry.name in known), next(iter(found), None))
+
+
+def _shown_source(name: str, beginning: str, stored: Mapping[str, Sequence[Row]], results: Path) -> str:
+    """Return the source that boards show of an estimator, of those that begin so: one for all tasks."""
+    newest: dict[str, str] = {}
+    for task, rows in stored.items():
+        of = [row for row in rows if row.estimator == name and row.source_hash.startswith(beginning)]
+        if of:
+            last = asked(ResultsStore(results).of_task(task, of[0].version))
+            source = latest_source(of, last.get(name))
+            made = max(row.created for row in of if row.source_hash == source)
+            newest[source] = max(made, newest.get(source, ""))
+    return max(newest, key=newest.__getitem__)
+
+
+def _hashes(sources: Iterable[str]) -> str:
+    return ", ".join(sorted(source[:HASH] for source in sources))
 
 
 def compare(
@@ -117,19 +150,32 @@ def compare(
     Raises InputError where they are the same, and where no task has rows of both.
     """
     if first == second:
+        known = {row.source_hash for rows in stored.values() for row in rows if row.estimator == first.name}
         raise InputError(
-            f"{first.name!r} is compared with itself; for two versions of it give NAME@HASH, "
-            "with the hashes that castor-bench leaderboard TASK tells"
+            f"{first.name!r} is compared with itself; for two versions of it give NAME@HASH; "
+            f"{results} has {_hashes(known)}"
         )
     found = []
     for task in tasks:
-        rows, last = stored[task.name], asked(ResultsStore(results).of_task(task.name, task.version))
-        sides = (first.rows(rows, last), second.rows(rows, last))
+        sides = (first.rows(stored[task.name]), second.rows(stored[task.name]))
+        last = asked(ResultsStore(results).of_task(task.name, task.version))
         if all(sides) and (of := _difference(task, sides, last)) is not None:
             found.append(of)
     if not found:
         raise InputError(f"{first.name!r} and {second.name!r} have no cases in common in {results}; run both on a task")
     return found
+
+
+def of_other_sources(sides: Iterable[Side], stored: Mapping[str, Sequence[Row]]) -> list[str]:
+    """Return what is left out of a comparison: tasks in which one of both has rows of other sources alone."""
+    notes = []
+    for side in sides:
+        rows = {task: [row for row in of if row.estimator == side.name] for task, of in stored.items()}
+        others = [task for task, of in rows.items() if of and not side.rows(of)]
+        if others:
+            tasks = shortened(", ".join(others))
+            notes.append(f"left out, as {side.name}@{side.source[:HASH]} has not been run on them: {tasks}")
+    return notes
 
 
 def _difference(

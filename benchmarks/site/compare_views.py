@@ -24,8 +24,8 @@ FOLDER = Path(__file__).parent
 FORMAT = "castor-compare/1"
 
 
-def print_comparison(found: Sequence[TaskDifference], console: Console) -> None:
-    """Print a table of all tasks, what it means, and what it leaves out."""
+def print_comparison(found: Sequence[TaskDifference], console: Console, left_out: Sequence[str] = ()) -> None:
+    """Print a table of all tasks, what it means, and what it leaves out. left_out: notes beside those of `notes`."""
     first, second = found[0].labels
     console.print(f"\n{first} against {second}", style="bold", markup=False, highlight=False)
     grid = Grid()
@@ -49,11 +49,11 @@ def print_comparison(found: Sequence[TaskDifference], console: Console) -> None:
             cases_said(of),
         )
     console.print(grid, highlight=False, markup=False)
-    for note in notes(found):
+    for note in (*notes(found), *left_out):
         say(console, note)
 
 
-def as_json(found: Sequence[TaskDifference]) -> dict[str, Any]:
+def as_json(found: Sequence[TaskDifference], left_out: Sequence[str] = ()) -> dict[str, Any]:
     """Return the comparison as plain data; scores and differences, of the first less the second, in SI."""
     return {
         "format": FORMAT,
@@ -73,10 +73,11 @@ def as_json(found: Sequence[TaskDifference]) -> dict[str, Any]:
             }
             for of in found
         ],
+        "left_out": list(left_out),
     }
 
 
-def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path) -> None:
+def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path, left_out: Sequence[str] = ()) -> None:
     """Write index.html and a page for each of the cases that differ most to a new folder, whole or not at all."""
     with new_folder(out) as partial:
         write_assets(partial / "assets")
@@ -104,7 +105,7 @@ def write_comparison(found: Sequence[TaskDifference], results: Path, out: Path) 
             "assets",
             found=linked,
             labels=found[0].labels,
-            notes_of=notes(found),
+            notes_of=[*notes(found), *left_out],
             commands=[run_command(*competitor) for competitor in competitors],
             places=[place for place in places if place is not None],
             made=made(),

@@ -1,5 +1,6 @@
 """Comparisons: verdicts and intervals of known differences, the cases that differ most, and what is left out."""
 
+import importlib
 import json
 import re
 from dataclasses import replace
@@ -8,9 +9,11 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_rel
 
-from benchmarks.site.compare import Verdict, compare, rows_by_task, side_of
+from benchmarks.results.episodes import EpisodeStore
+from benchmarks.site.compare import Side, Verdict, compare, of_other_sources, rows_by_task, side_of
 from benchmarks.site.compare_views import as_json, notes, signed, write_comparison
 from castor_envs.errors import InputError
+from estimators.plugins.registry import load_calibration
 
 
 def test_a_program_gets_what_people_read(against, results):
@@ -83,7 +86,8 @@ def test_few_cases_show_nothing(against, results):
 @pytest.mark.parametrize(
     ("first", "second", "said"),
     [
-        ("good", "good", "'good' is compared with itself; for two versions of it give NAME@HASH"),
+        ("good", "good", "'good' is compared with itself; for two versions .* NAME@HASH; .* has aaaaaaaa, bbbbbbbb"),
+        ("good", "good@aa", "'good' is compared with itself"),
         ("goood", "worse", "'goood' has no rows in .*; castor-bench run computes them; did you mean 'good'?"),
         ("good@cccc", "worse", "good has no rows of source cccc in .*, only of aaaaaaaa, bbbbbbbb"),
     ],
@@ -113,3 +117,53 @@ def test_a_page_says_from_where_its_commands_name_files(against, results, tmp_pa
     index = (tmp_path / "out" / "index.html").read_text(encoding="utf-8")
     assert index.count("Files are named from the folder in which the run was made.") == 1
     assert "In which folder" not in index
+
+
+def test_a_version_is_one_source_in_all_tasks(tmp_path, fake_tasks, stored_results):
+    """Where it was not run, the other version does not stand for it; what is left out is told."""
+    tasks = [fake_tasks.Arcs(), fake_tasks.Arcs(name="other-arcs")]
+    for task in tasks:
+        of = stored_results.Results(tmp_path, task)
+        of.put("mine", stored_results.HARD, "a" * 16, created=2020)
+        of.put("other", stored_results.HARD * 2, "c" * 16, created=2020)
+    stored_results.Results(tmp_path, tasks[0]).put("mine", stored_results.HARD + 0.01, "b" * 16, created=2021)
+    rows = rows_by_task(tasks, tmp_path)
+    sides = {text: side_of(text, rows, tmp_path, 60.0) for text in ("mine", "mine@a", "other")}
+    for first, second, labels in (
+        ("mine@a", "mine", ("mine@aaaaaaaa", "mine@bbbbbbbb")),
+        ("mine", "other", ("mine", "other")),
+    ):
+        found = compare(sides[first], sides[second], rows, tasks, tmp_path)
+        assert [(of.task.name, of.labels) for of in found] == [("arcs", labels)]
+        left_out = of_other_sources((sides[first], sides[second]), rows)
+        assert left_out == ["left out, as mine@bbbbbbbb has not been run on them: other-arcs"]
+        assert as_json(found, left_out)["left_out"] == left_out
+    assert len(compare(sides["mine@a"], sides["other"], rows, tasks, tmp_path)) == 2
+    assert of_other_sources((sides["mine@a"], sides["other"]), rows) == []
+
+
+def test_cases_of_other_episodes_are_not_compared(tmp_path, fake_tasks, stored_results):
+    task = fake_tasks.Arcs()
+    of = stored_results.Results(tmp_path, task)
+    of.put("first", stored_results.HARD)
+    EpisodeStore(tmp_path).save(task, 3, task.record(30))
+    of.episodes[3] = task.record(30)
+    of.put("second", stored_results.HARD * 2)
+    rows = rows_by_task([task], tmp_path)
+    sides = [side_of(name, rows, tmp_path, 60.0) for name in ("first", "second")]
+    (found,) = compare(*sides, rows, [task], tmp_path)
+    assert set(found.by_case) == set(task.cases()) - {3}
+
+
+def test_the_file_of_a_method_names_it_as_that_of_an_estimator_does(tmp_path, stored_results, plugin):
+    task = importlib.import_module("fake_calibrations").CalibrationByArcs()
+    of, spec = stored_results.Results(tmp_path, task), plugin("calibrators:Truth")
+    entry = load_calibration(spec)
+    of.put(entry.name, stored_results.HARD, entry.source_hash)
+    of.put("umbmark-correction", stored_results.HARD * 2)
+    rows = rows_by_task([task], tmp_path)
+    assert side_of(spec, rows, tmp_path, 60.0) == Side(entry.name, entry.source_hash)
+    with pytest.raises(InputError, match=r"'.*followers.py:Single' has no rows in"):
+        side_of(plugin("followers:Single"), rows, tmp_path, 60.0)
+    with pytest.raises(InputError, match="has no method"):
+        side_of(plugin("fake_tasks:Arcs"), rows, tmp_path, 60.0)
