@@ -52,10 +52,23 @@ def board_notes(board: TaskBoard, intervals: str | None) -> list[str]:
             notes.append(f"{entry.estimator} is not ranked: its ATE is no better than that of standing still")
         if entry.lacking:
             notes.append(f"{entry.estimator} has not run {len(entry.lacking)} of {len(board.cases)} cases; run again")
+    timed = _timed_on(board)
+    if len(timed) > 1:
+        on = "; ".join(f"on {machine} {', '.join(names)}" for machine, names in timed.items())
+        notes.append(f"updates were timed on several machines, and compare within one alone: {on}")
     if board.superseded:
         left_out = ", ".join(f"{name} at {source_hash} ({rows})" for name, source_hash, rows in board.superseded)
         notes.append(f"rows of other versions of an estimator's source are left out: {left_out}")
     return notes
+
+
+def _timed_on(board: TaskBoard) -> dict[str, list[str]]:
+    """Return the machines on which updates were timed, each with the estimators timed there."""
+    machines: dict[str, list[str]] = {}
+    for entry in board.entries:
+        if entry.cost is not None and entry.cost.machine is not None:
+            machines.setdefault(str(entry.cost.machine), []).append(entry.estimator)
+    return machines
 
 
 def _of_the_tasks_own(board: TaskBoard) -> str:

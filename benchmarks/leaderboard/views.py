@@ -77,6 +77,7 @@ def _entry_json(entry: Entry) -> dict[str, Any]:
         },
         "mean_update_us": entry.costs[0],
         "worst_update_us": entry.costs[1],
+        "updates_timed_on": None if entry.cost is None or entry.cost.machine is None else str(entry.cost.machine),
         "poses_repeat": None if entry.cost is None else entry.cost.repeats,
         "cases_done": entry.done,
         "failed": [{"reason": failed.reason, "cases": list(failed.cases)} for failed in entry.failed],

@@ -26,6 +26,9 @@ class Machine:
     platform: str
     cpu_count: NonNegativeInt | None
 
+    def __str__(self) -> str:
+        return f"{self.platform}, {self.cpu_count or 'unknown number of'} processors"
+
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class Origin:

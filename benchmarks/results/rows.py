@@ -28,7 +28,7 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 from benchmarks.results.archives import CorruptFileError, OlderFormatError, checked, read_archive, write_archive
 from benchmarks.results.episodes import Hash, Name, StoredCase, file_name
 from benchmarks.results.kept import kept_beside
-from benchmarks.results.provenance import Origin, provenance
+from benchmarks.results.provenance import Machine, Origin, provenance
 from benchmarks.tasks.task import Case
 from castor_envs.description import CONFIG, Duration
 from castor_envs.errors import InputError
@@ -103,12 +103,13 @@ def refusal_of(failure: str | None) -> str | None:
 @dataclass(frozen=True)
 class UpdateCost:
     """What following runs twice showed: CPU time of an update of a single vehicle, microseconds, the mean and that of
-    the most expensive update; and whether both passes gave the same poses.
+    the most expensive update; whether both passes gave the same poses; and on which machine, where that is stored.
     """
 
     mean: float
     worst: float
     repeats: bool = True
+    machine: Machine | None = None
 
 
 @checked_dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -244,7 +245,7 @@ class ResultsStore:
         try:
             text = path.read_text(encoding="utf-8")
             stored = checked(path, text, TIME_FORMAT, _TIME_ADAPTER)
-            return UpdateCost(stored.mean_us, stored.worst_us, stored.poses_repeat)
+            return UpdateCost(stored.mean_us, stored.worst_us, stored.poses_repeat, stored.origin.machine)
         except (FileNotFoundError, OlderFormatError):
             return None
         except CorruptFileError as error:

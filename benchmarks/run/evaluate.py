@@ -26,6 +26,9 @@ from estimators.plugins.registry import CalibrationEntry, EstimatorEntry
 MOST_TIMEOUTS = 3
 """After this many time-outs of an estimator in a task, its remaining episodes in that task are not tried."""
 
+KILLED = "its process was killed from outside (signal 9), perhaps for want of memory; the next run tries again"
+"""Reason of a failure that is none of the estimator's, so that the next run tries again."""
+
 Competitor = EstimatorEntry | CalibrationEntry
 
 
@@ -48,9 +51,12 @@ class Work:
         return self.task.name, self.entry.name, self.entry.source_hash
 
 
-def owner_of(entry: Competitor) -> tuple[str, str] | str:
-    """Return the owner of an estimator's code: a plug-in shares a worker process with no other code."""
-    return "built in" if entry.builtin else (entry.spec, entry.source_hash)
+def owner_of(entry: Competitor, *job: object) -> tuple[object, ...] | str:
+    """Return the owner of an estimator's code: a plug-in shares a worker process with no other code.
+
+    job: what the process is to be for alone.
+    """
+    return "built in" if entry.builtin else (entry.spec, entry.source_hash, *job)
 
 
 def answered(outcome: Outcome, timeout: float, doing: str) -> Any:
@@ -63,6 +69,8 @@ def answered(outcome: Outcome, timeout: float, doing: str) -> Any:
             return value
         case TimedOut():
             return Failure(f"took over {timeout:g} s")
+        case Died(exit_code) if exit_code == -9:
+            return Failure(KILLED)
         case Died(exit_code):
             return Failure(f"ended its process (exit code {exit_code})")
         case Exceeded(excess):

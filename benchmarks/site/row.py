@@ -155,6 +155,7 @@ def _origin(entry: Entry, rows: dict[Case, Row]) -> dict[str, str]:
         return {"source": entry.source_hash}
     made = sorted(origin.created for origin in origins)
     newest = max(origins, key=lambda origin: origin.created)
+    timed_on = None if entry.cost is None else entry.cost.machine
     return {
         "estimator's source": entry.source_hash,
         "robot files": ", ".join(sorted({row.robot_hash for row in rows.values()})[:3])
@@ -162,5 +163,6 @@ def _origin(entry: Entry, rows: dict[Case, Row]) -> dict[str, str]:
         "computed": " to ".join(dict.fromkeys(time.strftime("%Y-%m-%d %H:%M UTC") for time in (made[0], made[-1]))),
         "world": ", ".join(sorted({origin.world for origin in origins})),
         "versions": ", ".join(f"{name} {version}" for name, version in newest.versions.items()),
-        "machine": f"{newest.machine.platform}, {newest.machine.cpu_count or 'unknown number of'} processors",
+        "machine": str(newest.machine),
+        **({} if timed_on is None else {"updates timed on": str(timed_on)}),
     }

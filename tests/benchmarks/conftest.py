@@ -85,7 +85,7 @@ def jobs_here(in_this_process):
 @pytest.fixture(scope="session")
 def one_owner():
     """Return a context in which all plug-ins share worker processes, as those of one owner."""
-    return functools.partial(_patched, (evaluate, plan), "owner_of", lambda entry: "everybody")
+    return functools.partial(_patched, (evaluate, plan), "owner_of", lambda *_: "everybody")
 
 
 @pytest.fixture(scope="session")

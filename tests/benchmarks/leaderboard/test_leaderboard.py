@@ -10,10 +10,11 @@ from rich.console import Console
 
 from benchmarks.leaderboard.board import build
 from benchmarks.leaderboard.markdown import escaped
+from benchmarks.leaderboard.notes import board_notes
 from benchmarks.leaderboard.views import as_json, as_markdown, print_leaderboard
 from benchmarks.results.asked import ASKED, Asked, keep_asked
 from benchmarks.results.episodes import EpisodeStore
-from benchmarks.results.provenance import provenance
+from benchmarks.results.provenance import Machine, provenance
 from benchmarks.results.rows import ResultsStore, Row, UpdateCost
 from benchmarks.scoring.registry import score
 
@@ -311,3 +312,22 @@ def test_a_board_of_other_cases_than_the_tasks_own_says_so(board, cases, said, b
     assert said in as_markdown(shown)
     (task,) = as_json(shown)["tasks"]
     assert (task["cases"], task["cases_of_task"], task["cases_beyond"]) == (len(cases), 8, beyond)
+
+
+def test_times_of_several_machines_are_told_apart(board):
+    here = provenance()
+    there = dataclasses.replace(here, machine=Machine(platform="Linux-armv7l", cpu_count=4))
+    sources = {"good": "9" * 16, "bad": "b" * 16, "worse": "c" * 16}
+    for name, source in sources.items():
+        board.put(name, HARD, source_hash=source)
+    said = "updates were timed on several machines, and compare within one alone: "
+    for name in ("good", "bad"):
+        board.store.save_time("arcs", 1, name, sources[name], UpdateCost(2.0, 3.0), here)
+    assert said not in as_markdown(build([board.task], board.results))
+    board.store.save_time("arcs", 1, "bad", sources["bad"], UpdateCost(80.0, 90.0), there)
+    shown = build([board.task], board.results)
+    (note,) = [line for line in board_notes(shown.boards[0], None) if line.startswith(said)]
+    assert f"on {here.machine} good" in note
+    assert "on Linux-armv7l, 4 processors bad" in note
+    timed_on = {entry["estimator"]: entry["updates_timed_on"] for entry in as_json(shown)["tasks"][0]["entries"]}
+    assert timed_on == {"good": str(here.machine), "bad": "Linux-armv7l, 4 processors", "worse": None}

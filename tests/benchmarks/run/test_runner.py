@@ -2,6 +2,8 @@
 
 import contextlib
 import dataclasses
+import importlib
+import os
 import shutil
 
 import numpy as np
@@ -12,11 +14,22 @@ from benchmarks.leaderboard.views import as_json, as_markdown
 from benchmarks.progress import SilentProgress
 from benchmarks.results import episodes
 from benchmarks.results.episodes import EpisodeStore
+from benchmarks.results.provenance import provenance
 from benchmarks.results.rescore import rescore
-from benchmarks.results.rows import ResultsStore, UpdateCost
+from benchmarks.results.rows import ResultsStore
 from benchmarks.run import evaluate as estimating
+from benchmarks.run import worker_estimate
+from benchmarks.run.evaluate import KILLED
 from benchmarks.run.plan import Assignment, run
-from benchmarks.run.worker_estimate import Failure, estimate_singly, estimate_stacked, observed_runs, time_updates
+from benchmarks.run.worker_estimate import (
+    Failure,
+    Timed,
+    estimate_singly,
+    estimate_stacked,
+    observed_runs,
+    time_updates,
+    update_cost,
+)
 from benchmarks.tasks.task import Case, Episode
 from castor_envs.errors import InputError
 from castor_envs.processes import MOST_MEMORY
@@ -467,7 +480,80 @@ def test_poses_that_two_passes_over_a_log_do_not_share_are_told_with_the_scores(
 def test_the_worst_update_is_the_one_that_costs_every_time(fake_tasks, plugin):
     """Every tenth update of this estimator costs a millisecond of CPU time; the mean hides it, the worst does not."""
     entry = load_estimator(plugin("followers:Pauses"))
-    cost = time_updates(entry.spec, entry.source_hash, observed_runs(fake_tasks.Arcs().record(0)))
-    assert isinstance(cost, UpdateCost)
+    timed = time_updates(entry.spec, entry.source_hash, observed_runs(fake_tasks.Arcs().record(0)))
+    assert isinstance(timed, Timed)
+    cost = update_cost([timed])
     assert 1000 < cost.worst < 5000
     assert 100 < cost.mean < cost.worst / 5
+
+
+@pytest.fixture
+def fake_clock(monkeypatch):
+    """Let updates be timed by a clock that goes on only as an estimator spends time."""
+    clock = importlib.import_module("fake_clock")
+    monkeypatch.setattr(worker_estimate, "time", clock)
+    return clock
+
+
+def timed_by(entry, episode, **afresh):
+    timed = time_updates(entry.spec, entry.source_hash, observed_runs(episode), **afresh)
+    assert isinstance(timed, Timed)
+    return timed
+
+
+@pytest.mark.parametrize("afresh", [False, True])
+def test_what_happens_once_is_no_cost_of_an_update(fake_tasks, plugin, fake_clock, afresh):
+    """Compilation in a first pass, and the observation of the start pose."""
+    entry = load_estimator(plugin("costly:Compiles"))
+    cost = update_cost([timed_by(entry, fake_tasks.Arcs().record(0), afresh=afresh)])
+    assert (cost.mean, cost.worst) == (pytest.approx(7.0), 7.0)
+
+
+def test_what_an_estimator_keeps_of_a_run_does_not_make_its_updates_cheap(fake_tasks, plugin, fake_clock):
+    entry = load_estimator(plugin("costly:Keeps"))
+    timed = timed_by(entry, fake_tasks.Arcs().record(0), afresh=True)
+    assert set(timed.spent) == {2_000_000}
+
+
+def test_of_two_processes_that_timed_the_same_the_cheaper_update_counts():
+    cost = update_cost([Timed([1000, 5000, 2000], True), Timed([3000, 1000, 2000], False)])
+    assert (cost.mean, cost.worst, cost.repeats) == (pytest.approx(4 / 3), 2.0, False)
+
+
+def test_a_run_times_plug_ins_in_processes_that_have_followed_nothing(tmp_path, fake_tasks, plugin, prepared):
+    task, entry = fake_tasks.Arcs(), load_estimator(plugin("costly:KeepsReally"))
+    prepared(tmp_path, task, 0)
+    run([Assignment(task, (0,), (entry,))], tmp_path, processes=2)
+    cost = ResultsStore(tmp_path).load_time(task.name, task.version, entry.name, entry.source_hash)
+    assert cost is not None
+    assert 2000 <= cost.mean <= cost.worst
+    assert cost.machine == provenance().machine
+
+
+KILLED_WHILE = """
+import os, signal
+from pathlib import Path
+from followers import Single
+
+class Victim(Single):
+    def reset(self, robot, pose):
+        if Path({flag!r}).exists():
+            os.kill(os.getpid(), signal.SIGKILL)
+        super().reset(robot, pose)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "killpg"), reason="needs signals")
+def test_a_row_killed_from_outside_is_tried_again(tmp_path, fake_tasks, prepared):
+    """As where memory runs out: that is none of the estimator's failures."""
+    task, flag, file = fake_tasks.Arcs(), tmp_path / "full", tmp_path / "victim.py"
+    file.write_text(KILLED_WHILE.format(flag=str(flag)))
+    flag.write_text("")
+    entry = load_estimator(str(file))
+    prepared(tmp_path / "results", task, 0)
+    plan = [Assignment(task, (0,), (entry,))]
+    run(plan, tmp_path / "results")
+    assert rows_of(tmp_path / "results", task)[entry.name, 0].failure == KILLED
+    flag.unlink()
+    run(plan, tmp_path / "results")
+    assert rows_of(tmp_path / "results", task)[entry.name, 0].failure is None

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from benchmarks.leaderboard.board import build
-from benchmarks.results.rows import ResultsStore, UpdateCost
+from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
-from benchmarks.run.worker_estimate import Failure, estimate_singly, observed_runs, time_updates
+from benchmarks.run.worker_estimate import Failure, Timed, estimate_singly, observed_runs, time_updates, update_cost
 from castor_envs.vehicles.load import load_vehicle
 from estimators.plugins.conformance.check import check, refusal
 from estimators.plugins.registry import load_estimator
@@ -66,8 +66,9 @@ def test_boards_mark_it_and_what_has_update_is_judged_by_that(tmp_path, fake_tas
     row = ResultsStore(tmp_path).load(task.name, 1, entries[0].name, entries[0].source_hash, 0)
     assert row is not None
     assert row.failure is None
-    cost = time_updates(entries[0].spec, entries[0].source_hash, observed_runs(task.record(0)))
-    assert isinstance(cost, UpdateCost)
+    timed = time_updates(entries[0].spec, entries[0].source_hash, observed_runs(task.record(0)))
+    assert isinstance(timed, Timed)
+    cost = update_cost([timed])
     assert cost.mean == pytest.approx(cost.worst, rel=0.5)
 
 

@@ -10,6 +10,7 @@ import pytest
 from benchmarks.cli import app
 from benchmarks.leaderboard.board import build
 from benchmarks.results.asked import Asked, keep_asked
+from benchmarks.results.provenance import provenance
 from benchmarks.site.pages import write_site
 from castor_envs.cli.commands import imported
 from castor_envs.errors import InputError
@@ -83,6 +84,8 @@ def test_a_row_has_all_that_a_reader_may_ask_for(site, stored_results):
     for case, error in enumerate(stored_results.HARD):
         x = 1e3 * (error + [1, 2, 3, 4, 5, 6, 7, 40][case] / 1e3)
         assert f"case {case}, run 1, cw: {x:.3g}, 0 mm" in page
+    assert "updates timed on" in page
+    assert page.count(str(provenance().machine)) == 2  # of the rows and of the times
 
 
 def test_commands_that_a_page_names_are_commands(site, stored_results):
