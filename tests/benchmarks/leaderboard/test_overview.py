@@ -186,6 +186,13 @@ def test_an_error_of_nothing_makes_nobody_infinitely_bad():
     assert [rows[name].groups["squares"].ratio for name in ("exact", "good", "bad")] == pytest.approx([1, 1, 10])
 
 
+def test_a_tenth_of_a_millimetre_is_as_good_as_nothing():
+    """As docs/benchmark.md says: scores below 0.1 mm count as that."""
+    assert METRIC.shown_unit == "mm"
+    _, rows = only([board("one", {"a": 0.01e-3, "b": 0.1e-3, "c": 0.2e-3})])
+    assert [rows[name].groups["squares"].ratio for name in "abc"] == pytest.approx([1, 1, 2])
+
+
 def test_who_serves_fewer_tasks_stands_behind_and_is_not_judged_by_the_rest():
     boards = [board("one", {"all": 0.03, "some": 0.01}), board("two", {"all": 0.02}, "turns")]
     table, rows = only(boards)

@@ -112,6 +112,24 @@ def test_equal_estimators_are_separated_no_oftener_beside_worse_ones():
     assert wrong / 200 <= 0.05 + 3 * np.sqrt(0.05 * 0.95 / 200)
 
 
+@pytest.mark.parametrize(("estimators", "cases"), [(3, 6), (4, 7), (5, 8)])
+def test_no_pair_is_told_apart_beside_a_clearer_one_that_is_not(estimators, cases):
+    """Clearer by the statistic, u = abs(mean d) / rms d: what is significant steps down from the largest.
+
+    One board of 80 to 100 breaks this where each pair is compared only with the pairs that are less clear.
+    """
+    random, first, second = np.random.default_rng(1), *np.triu_indices(estimators, 1)
+    told = 0
+    for _ in range(300):
+        scores = random.integers(0, 10, (estimators, cases)) + 3.0 * np.arange(estimators)[:, None]
+        d = scores[second] - scores[first]
+        u = np.abs(d.mean(axis=1)) / np.sqrt(np.mean(d**2, axis=1))
+        apart = different(scores)[first, second]
+        told += apart.any()
+        assert not apart.any() or u[apart].min() >= u[~apart].max(initial=0.0) - 1e-9
+    assert told > 30
+
+
 def test_a_clear_winner_leads_however_many_others_there_are():
     """With 20 cases a difference of two standard deviations of its scatter (t = 9) is found among 15 estimators."""
     random, led = np.random.default_rng(10), 0

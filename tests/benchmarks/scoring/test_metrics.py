@@ -126,6 +126,15 @@ def test_relative_error_of_a_scale_error_is_that_fraction():
     assert error.rotation == pytest.approx(0.0)
 
 
+def test_a_segment_of_a_metre_is_ten_steps_of_a_tenth_whatever_their_sum_is_rounded_to():
+    """The position is off by k^2 / 1000 m after k steps, so a segment's error tells where it starts and ends."""
+    k = np.arange(60)
+    true = np.column_stack([np.cumsum(np.full(60, 0.1)), np.zeros((60, 2))])
+    assert (np.diff(true[::10, 0]) < 1.0).any()
+    error = path_metrics.relative_pose_error(true, true + np.column_stack([0 * k, k**2 / 1000, 0 * k]))
+    assert error.translation == pytest.approx(np.mean((k[10:] ** 2 - k[:-10] ** 2) / 1000), rel=1e-9)
+
+
 def test_relative_error_of_a_drifting_heading_is_its_rate():
     """An estimate that bends by .1 rad/m beside a straight path: chord of a unit arc against a unit of straight."""
     s = np.arange(0, 4.01, 0.25)

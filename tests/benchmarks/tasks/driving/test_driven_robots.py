@@ -107,6 +107,17 @@ def test_fixes_are_sparse_late_and_some_wrong_and_the_oracle_gets_the_right_ones
     assert np.median(np.hypot(*errors[wrong, :2].T)) > 0.3
 
 
+def test_one_fix_of_twenty_is_wrong():
+    """Of some 20,000 fixes, within three standard errors."""
+    t = 0.5 * np.arange(200_001)
+    log = Log(t=t, wheel=np.zeros((len(t), 2)), pivot=np.zeros((len(t), 0)), reference=np.zeros((len(t), 3)))
+    seen, right = with_fixes(log, np.random.default_rng(1))
+    assert seen.fix is not None
+    assert right.fix is not None
+    came = ~np.isnan(seen.fix[:, 0])
+    assert np.mean(np.isnan(right.fix[came, 0])) == pytest.approx(1 / 20, abs=3 * np.sqrt(0.05 * 0.95 / came.sum()))
+
+
 @pytest.mark.parametrize("robot", ["omni", "differential"])
 def test_the_filter_makes_use_of_fixes(robot):
     """Some are late and some are wrong; where no wheel is redundant, slip is seen by them alone."""
