@@ -205,6 +205,25 @@ def test_means_intervals_and_ranks_follow_from_the_cases(task):
     assert ranks(ranked, metric.rounding) == {name: rank(task)[name] for name in ranked}
 
 
+def test_the_page_tells_how_often_intervals_cover_and_by_how_much_results_spread(script_called):
+    """Of other samples than the page's: within four standard errors of both."""
+    study, page = script_called("study_ranking"), (DOCS / "benchmark.md").read_text(encoding="utf-8")
+    for name, draw, mean in study.SCORES:
+        (line,) = re.findall(rf"^\| {re.escape(name)} \|(.* \(.*\)) \|$", page, flags=re.M)
+        told = [tuple(map(float, cell.strip(" )").split(" ("))) for cell in line.split("|")]
+        for cases, stated in zip(study.SAMPLE_SIZES, told, strict=True):
+            samples = draw(np.random.default_rng([9, cases]), (2000, cases))
+            low, high = study.as_on_boards(samples).T
+            for share, of in zip(stated, (np.mean((low <= mean) & (mean <= high)), np.mean(high < mean)), strict=True):
+                assert share / 100 == pytest.approx(of, abs=4 * np.sqrt(2 * max(of, 0.01) * (1.01 - of) / 2000))
+    *table, wide = study.spread_lines(FIGURES)
+    assert "\n".join(table) in page
+    told = re.findall(
+        "`([a-z0-9-]+)`", page.partition("for the rows above 1, which are in ")[2].partition(". Ranks")[0]
+    )
+    assert wide == f"above 1 in: {', '.join(told)}"
+
+
 AFRESH = {
     "configuration-static": ("grpec-xy", "grpec-phi", "grpec-dev", "rmspec", "train-least-squares", "train-odometry"),
     "configuration-two-of-five": ("grpec-xy", "rmspec", "inlier-least-squares"),

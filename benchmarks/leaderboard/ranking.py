@@ -56,7 +56,8 @@ def intervals(scores: Array, within: Sequence[tuple[float, float]]) -> list[Inte
 
         T + g T^2 / 3 + g^2 T^3 / 27 + g / (6 n)
 
-    is symmetric up to terms of 1 / n, so its limits are +-t / sqrt(n), and each has one T.
+    is symmetric up to terms of 1 / n, so its limits are +-t / sqrt(n), and each has one T. Upper ends are too low where
+    few cases spread widely, as log-normally with sigma 1 and more; docs/benchmark.md tells by how much.
     """
     n = scores.shape[1]
     scale = np.max(np.abs(scores), axis=1, initial=0.0, keepdims=True)
