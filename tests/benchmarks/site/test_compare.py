@@ -150,8 +150,8 @@ def test_cases_of_other_episodes_are_not_compared(tmp_path, fake_tasks, stored_r
     of.episodes[3] = task.record(30)
     of.put("second", stored_results.HARD * 2)
     rows = rows_by_task([task], tmp_path)
-    sides = [side_of(name, rows, tmp_path, 60.0) for name in ("first", "second")]
-    (found,) = compare(*sides, rows, [task], tmp_path)
+    first, second = (side_of(name, rows, tmp_path, 60.0) for name in ("first", "second"))
+    (found,) = compare(first, second, rows, [task], tmp_path)
     assert set(found.by_case) == set(task.cases()) - {3}
 
 
