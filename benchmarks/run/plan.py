@@ -193,18 +193,21 @@ class _Run:
 
     def _time(self, plan: Sequence[Assignment]) -> None:
         """Measure what an update costs, for each estimator on the first run it can follow in a task."""
-        jobs = [job for a in plan for entry in a.estimators for job in self._timing(a, entry)]
-        self.progress.start("timing updates", len(jobs))
-        parts: dict[tuple[str, str, str], list[Timed]] = {}
-        with closing(run_jobs(InOrder(jobs), self.processes)) as outcomes:
+        timings = [of for a in plan for entry in a.estimators if (of := self._timing(a, entry))]
+        self.progress.start("timing updates", len(timings))
+        passes: dict[tuple[str, str, str], list[Timed | None]] = {}
+        jobs = InOrder(job for of in timings for job in of)
+        with closing(run_jobs(jobs, self.processes)) as outcomes:
             for job, outcome in outcomes:
                 task, entry = job.subject
-                timed = parts.setdefault((task.name, entry.name, entry.source_hash), [])
-                if isinstance(outcome, Done) and isinstance(outcome.value, Timed):
-                    timed.append(outcome.value)
-                    if len(timed) == _passes(entry):
-                        cost = update_cost(timed)
-                        self.rows.save_time(task.name, task.version, entry.name, entry.source_hash, cost, provenance())
+                timed = passes.setdefault((task.name, entry.name, entry.source_hash), [])
+                timed.append(outcome.value if isinstance(outcome, Done) and isinstance(outcome.value, Timed) else None)
+                if len(timed) < _passes(entry):
+                    continue
+                whole = [one for one in timed if one is not None]
+                if len(whole) == len(timed):
+                    cost = update_cost(whole)
+                    self.rows.save_time(task.name, task.version, entry.name, entry.source_hash, cost, provenance())
                 self.progress.advance()
 
     def _timing(self, assignment: Assignment, entry: Competitor) -> list[Job]:

@@ -112,16 +112,19 @@ def _answer(
     stage, given = "when constructed", copy.deepcopy(robot)  # what a method writes into it changes no check
     try:
         method = entry.kind(pivots=True) if pivots else entry.factory()
-        reports = reporting and isinstance(method, ReportingMethod)
-        stage = "in report" if reports else "in calibrate"
-        answer = method.report(given, recordings) if reports else method.calibrate(given, recordings)
+        if reporting and isinstance(method, ReportingMethod):
+            stage = "in report"
+            answer = method.report(given, recordings)
+        else:
+            stage = "in calibrate"
+            answer = method.calibrate(given, recordings)
     except BaseException as error:
         end_if_forked()
         if stage != "when constructed" and (reason := declines(error, given)) is not None:
             raise FailedError(DECLINED + reason) from None
         raise FailedError(f"{raised(error)} {stage}") from None
     end_if_forked()
-    if reports and not isinstance(answer, Report):
+    if stage == "in report" and not isinstance(answer, Report):
         raise FailedError(f"returned {type(answer).__name__} instead of a Report")
     return answer
 
