@@ -49,7 +49,7 @@ def test_who_writes_into_a_log_keeps_no_state_by_that(fake_tasks, plugin):
     entry, runs = load_estimator(plugin("smoothers:Spoils")), observed_runs(fake_tasks.Arcs().record(0))
     wheel = runs[0].observations.wheel.copy()
     cost = time_updates(entry.spec, entry.source_hash, runs)
-    assert isinstance(cost, UpdateCost)
+    assert isinstance(cost, Timed)
     assert cost.repeats
     np.testing.assert_array_equal(runs[0].observations.wheel, wheel)
 
