@@ -100,6 +100,12 @@ class SensedVehicle(ABC):
         return counts - before
 
     @property
+    def layout(self) -> tuple[object, ...]:
+        """What vehicles must have in common, beside their bodies, to be moved and seen as one: what is driven, held and
+        sensed."""
+        return tuple((body.driven_wheels, body.pivot_encoders, body.gyro is not None) for body in self._bodies)
+
+    @property
     def steps_in_fleet(self) -> bool:
         """Whether many of it can be moved and seen as one: no body has effects of its own."""
         return not any(body.effects for body in self._bodies)
@@ -167,6 +173,11 @@ class SensedRobot(SensedVehicle):
         """Drive for one sample period and read the sensors."""
         self.world.advance(commands.wheel, commands.steering, drive)
         self._sense()
+
+    @property
+    def layout(self) -> tuple[object, ...]:
+        """That of all vehicles, and which wheels are held."""
+        return *super().layout, tuple(self.world.held_wheels.tolist())
 
     @property
     def pose(self) -> Array:

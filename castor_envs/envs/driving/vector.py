@@ -44,7 +44,7 @@ class TrackingVectorEnv(SyncVectorEnv):
         first, sensed = self.envs[0], [env.sensed for env in self.envs]
         self._lanes = (RobotLanes if isinstance(sensed[0], SensedRobot) else TrainLanes)(sensed, threads)
         places = np.asarray(first.course.target(0.0))
-        self._period = first.vehicle.sample_period
+        self._period = np.array([env.vehicle.sample_period for env in self.envs])
         self._follower = _one_follower(self.envs) if first.control == "residual" else None
         self._fastest = np.stack([env.follower.fastest for env in self.envs])
         self._most_samples = math.inf if max_episode_steps is None else max_episode_steps
@@ -204,10 +204,12 @@ class TrackingVectorEnv(SyncVectorEnv):
 
 def steps_as_one(envs: Sequence[TrackingEnv[Any]]) -> bool:
     """Return whether environments can be stepped as one: nothing that only one at a time can do, and one layout."""
-    structures = {(*structure(env.sensed.world.simulation), env.control, env.action_space.shape) for env in envs}
+    layouts = {
+        (structure(env.sensed.world.simulation), env.sensed.layout, env.control, env.action_space.shape) for env in envs
+    }
     scaled = any(env.scaling is not None for env in envs)
     alike = all(env.vehicle == envs[0].vehicle for env in envs)
-    if not all(env.steps_in_fleet for env in envs) or len(structures) > 1 or (scaled and not alike):
+    if not all(env.steps_in_fleet for env in envs) or len(layouts) > 1 or (scaled and not alike):
         return False
     return envs[0].control != "residual" or _one_follower(envs) is not None
 

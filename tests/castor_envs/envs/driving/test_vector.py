@@ -13,7 +13,8 @@ from castor_envs.envs.driving.vector import TrackingVectorEnv
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.vehicles.effect import Effect
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import any_preset, preset
+from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 
 ROBOT, TRAIN = "castor/ASOC-v1", "castor/CFMMR-v1"
 ROUGH = Floor(
@@ -101,6 +102,58 @@ def test_members_may_have_dimensions_of_their_own():
         for mass, speed in ((8.0, 9.0), (12.0, 10.0), (25.0, 14.0))
     ]
     follow(*both(ROBOT, [{"robot": robot} for robot in robots]), steps=20)
+
+
+def compared(name, steps, **arguments):
+    """Follow what make_vec makes of members and a loop over the same; return whether it steps them as one."""
+    size = len(next(value for value in arguments.values() if isinstance(value, list)))
+    vector = gym.make_vec(name, num_envs=size, vectorization_mode="vector_entry_point", **arguments)
+    members = [
+        {key: value[i] if isinstance(value, list) else value for key, value in arguments.items()} for i in range(size)
+    ]
+    loop = SyncVectorEnv(
+        [lambda member=member: gym.make(name, **member) for member in members], observation_mode="different"
+    )
+    follow(vector, loop, steps)
+    return isinstance(vector.unwrapped, TrackingVectorEnv)
+
+
+def four_omni_wheels(idle):
+    """Return a robot on four wheels of which one rolls along: it has neither motor nor encoder."""
+    place = np.pi / 2 * np.arange(4)
+    castors = [
+        Castor(
+            pivot=(0.2 * np.cos(angle), 0.2 * np.sin(angle)),
+            steering="fixed",
+            angle=float(np.remainder(angle, 2 * np.pi) - np.pi / 2),
+            wheels=(Wheel(radius=0.05, grip="omni", counts_per_rev=None if k == idle else 1000.0),),
+        )
+        for k, angle in enumerate(place)
+    ]
+    return RobotDescription(name="four omni", castors=tuple(castors))
+
+
+@pytest.mark.parametrize("held", [[1, 1, 1], [1, 2, 2], [None, 1, None]])
+def test_wheels_may_be_held_in_each_member_or_in_some(held):
+    assert compared(ROBOT, 12, robot="asoc-prototype", held=held) == (held == [1, 1, 1])
+
+
+@pytest.mark.parametrize("idle", [(3, 3), (3, 0)])
+def test_members_may_drive_other_wheels(idle):
+    assert compared(ROBOT, 12, robot=[four_omni_wheels(k) for k in idle]) == (idle[0] == idle[1])
+
+
+@pytest.mark.parametrize("control", ["speed", "residual"])
+@pytest.mark.parametrize("name", [ROBOT, TRAIN])
+def test_members_may_be_sampled_at_periods_of_their_own(name, control):
+    kind, vehicle = ("robot", preset("differential")) if name == ROBOT else ("train", any_preset("cfmmr-2"))
+    slower = dataclasses.replace(vehicle, sample_period=0.1) if name == ROBOT else slow_train(vehicle)
+    compared(name, 12, control=control, **{kind: [vehicle, slower, vehicle]})
+
+
+def slow_train(train):
+    modules = tuple(dataclasses.replace(module, sample_period=0.1) for module in train.modules)
+    return dataclasses.replace(train, modules=modules)
 
 
 def test_a_gyro_draws_its_noise_from_its_members_seed():
