@@ -25,13 +25,20 @@ Gravity = Annotated[float, Field(ge=1e-3, le=1e2)]
 class Patch:
     """A rectangle with its own friction.
 
-    center: m. size: along and across, m. friction: Coulomb coefficient. angle: by which it is turned, rad.
+    center: m. size: along and across, m. friction: Coulomb coefficient. angle: by which it is turned, rad. relative:
+    whether the friction is a factor of that of what the patch lies on.
     """
 
     center: tuple[Place, Place]
     size: tuple[Extent, Extent]
     friction: FrictionOrNone
     angle: Angle = 0.0
+    # Files of floors without such patches are as they were before there were any.
+    relative: Annotated[bool, Field(exclude_if=lambda value: not value)] = False
+
+    def on(self, below: float) -> float:
+        """Return the friction there, on what has the friction `below`."""
+        return self.friction * below if self.relative else self.friction
 
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
@@ -51,9 +58,9 @@ class Cable:
 class Floor:
     """The floor in N.
 
-    patches: where they overlap, the last one counts. cables: to roll over. slope: rise over run along x and y,
-    dimensionless. climbing: whether a wheel on a cable pays the climbing force (False: it only rolls the longer way).
-    gravity: m/s2.
+    patches: where they overlap, the last one counts, or lies on the others if it is `relative`. cables: to roll over.
+    slope: rise over run along x and y, dimensionless. climbing: whether a wheel on a cable pays the climbing force
+    (False: it only rolls the longer way). gravity: m/s2.
     """
 
     patches: tuple[Patch, ...] = ()
@@ -73,12 +80,16 @@ class Floor:
         return -self.slope[0] * self.normal_gravity, -self.slope[1] * self.normal_gravity
 
     def patch_array(self) -> NDArray[np.float64]:
-        """Return the patches as rows (x, y, cos, sin, half length, half width, friction)."""
+        """Return the patches as rows (x, y, cos, sin, half length, half width, friction, its factor).
+
+        The friction on a patch is the first number and the second times the friction below: one of both is 0.
+        """
         rows = [
-            (*p.center, math.cos(p.angle), math.sin(p.angle), p.size[0] / 2, p.size[1] / 2, p.friction)
+            (*p.center, math.cos(p.angle), math.sin(p.angle), p.size[0] / 2, p.size[1] / 2)
+            + ((0.0, p.friction) if p.relative else (p.friction, 0.0))
             for p in self.patches
         ]
-        return np.array(rows, dtype=float).reshape(-1, 7)
+        return np.array(rows, dtype=float).reshape(-1, 8)
 
     def cable_array(self) -> NDArray[np.float64]:
         """Return the cables as rows (x, y, cos, sin, half length, radius)."""

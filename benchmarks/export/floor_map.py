@@ -61,7 +61,7 @@ def floor_map(floor: Floor, driven: Array) -> tuple[NDArray[np.uint8], float, tu
     places = np.stack(np.meshgrid(x, y), axis=-1)
     picture = np.full((height, width), FREE, dtype=np.uint8)
     for patch in floor.patches:
-        shade = round(DULLEST + (BRIGHTEST - DULLEST) * min(patch.friction, 1.0))
+        shade = round(DULLEST + (BRIGHTEST - DULLEST) * min(patch.on(1.0), 1.0))
         picture[_within(places, patch.center, patch.angle, patch.size)] = shade
     for cable in floor.cables:
         wide = max(cable.diameter, 2 * resolution)  # so that the middle of a pixel is on it

@@ -126,7 +126,7 @@ class Bump(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class FrictionPatch(Effect[RobotDescription]):
-    """In a rectangle of the floor the friction is lower by the fraction `value`.
+    """In a rectangle of the floor the friction, whatever it is there, is lower by the fraction `value`.
 
     x, y: its centre in N, m. length, width: its sides, m, turned by `angle` (rad).
     """
@@ -162,7 +162,8 @@ class FrictionPatch(Effect[RobotDescription]):
             center=(self.x, self.y),
             size=(self.length, self.width),
             angle=self.angle,
-            friction=robot.contact.friction * (1.0 - self.value),
+            friction=1.0 - self.value,
+            relative=True,
         )
         return dataclasses.replace(floor, patches=(*floor.patches, patch))
 

@@ -101,14 +101,15 @@ def for_substeps(wheels, dt):
 
 
 def friction_at(x, y, otherwise, patches):
-    """Return the friction coefficient at a place: of the last patch that covers it, else `otherwise`."""
+    """Return the friction coefficient at a place: of the last patch that covers it, on what it covers, else
+    `otherwise`."""
     friction = otherwise
     for i in range(len(patches)):
         right, up = x - patches[i, 0], y - patches[i, 1]
         along = patches[i, 2] * right + patches[i, 3] * up
         across = patches[i, 2] * up - patches[i, 3] * right
         covered = (abs(along) <= patches[i, 4]) & (abs(across) <= patches[i, 5])
-        friction = where(covered, patches[i, 6], friction)
+        friction = where(covered, patches[i, 6] + patches[i, 7] * friction, friction)
     return friction
 
 

@@ -25,7 +25,7 @@ def draw_floor(canvas: Canvas, view: View, floor: Floor, friction: float) -> Non
         # Off the middle: that is where paths run.
         aside = np.array([-0.5, 0.55]) * patch.size / 2
         x, y = view.pixel(placed(aside, (*patch.center, patch.angle)))
-        canvas.text(f"µ {patch.friction:.2g}", (x, y), 15 * view.unit, FADED, "center")
+        canvas.text(f"µ {patch.on(friction):.2g}", (x, y), 15 * view.unit, FADED, "center")
     for cable in floor.cables:
         half = np.array([math.cos(cable.direction), math.sin(cable.direction)]) * cable.length / 2
         ends = view.pixel([cable.center - half, cable.center + half])
@@ -39,8 +39,9 @@ def _draw_patch(canvas: Canvas, view: View, patch: Patch, friction: float) -> No
     half_length, half_width = patch.size[0] / 2, patch.size[1] / 2
     frame = (*patch.center, patch.angle)
     corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (half_length, half_width)
-    difference = min(1.0, abs(math.log(max(patch.friction, 1e-3) / friction)) / math.log(4))
-    slippery = patch.friction < friction
+    there = patch.on(friction)
+    difference = min(1.0, abs(math.log(max(there, 1e-3) / friction)) / math.log(4))
+    slippery = there < friction
     color = SLIPPERY if slippery else ROUGH
     canvas.layer([(view.pixel(placed(corners, frame)), color, round(30 + 40 * difference))])
     if not slippery:

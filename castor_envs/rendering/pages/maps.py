@@ -108,8 +108,8 @@ def floor_map(
         patches=tuple(
             _Drawn(
                 _points(at(placed(_CORNERS * patch.size / 2, (*patch.center, patch.angle)))),
-                "slippery" if patch.friction < friction else "rough",
-                f"friction {patch.friction:.2g}",
+                "slippery" if patch.on(friction) < friction else "rough",
+                f"friction {patch.on(friction):.2g}",
             )
             for patch in floor.patches
         ),

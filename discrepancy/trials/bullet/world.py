@@ -267,8 +267,7 @@ class World:
         from_pivot = rotate(np.column_stack([-geometry.offset[castor], geometry.lateral]), theta)
         places = rotate(geometry.pivot[castor] + from_pivot, heading) + np.array([x, y])
         for k, place in enumerate(places.tolist()):
-            friction = friction_at(self._patches, place)
-            friction = self._usual if friction is None else friction
+            friction = friction_at(self._patches, place, self._usual)
             if friction != self._friction[k]:
                 self._bullet.changeDynamics(self._body, self._spheres[k], lateralFriction=friction, **self._at)
                 self._friction[k] = friction

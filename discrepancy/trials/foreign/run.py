@@ -214,13 +214,14 @@ def start_angles(geometry: Geometry, motion: Trajectory, random: np.random.Gener
     return wrap(np.where(geometry.fixed | geometry.driven, trailing, trailing + off))
 
 
-def friction_at(patches: tuple[Patch, ...], place: list[float]) -> float | None:
-    """Return the friction of the last patch in which a place (x, y, m) is; None outside all."""
-    for patch in reversed(patches):
+def friction_at(patches: tuple[Patch, ...], place: list[float], otherwise: float) -> float:
+    """Return the friction at a place (x, y, m): that of the last patch there, on what it lies on, else `otherwise`."""
+    friction = otherwise
+    for patch in patches:
         off = rotate_single(np.subtract(place, patch.center), -patch.angle)
         if np.all(np.abs(off) <= np.array(patch.size) / 2):
-            return patch.friction
-    return None
+            friction = patch.on(friction)
+    return friction
 
 
 def read(

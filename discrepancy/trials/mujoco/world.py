@@ -97,8 +97,7 @@ class World:
             self._slip_tyres()
         if self._patches:
             for k, place in enumerate(data.geom_xpos[self._geom, :2].tolist()):
-                friction = friction_at(self._patches, place)
-                model.geom_friction[self._geom[k], 0] = self._friction[k] if friction is None else friction
+                model.geom_friction[self._geom[k], 0] = friction_at(self._patches, place, self._friction[k])
         before = data.qpos.copy()
         self._mujoco.mj_integratePos(model, data.qpos, data.qvel, self._step * AHEAD)
         self._mujoco.mj_step(model, data)

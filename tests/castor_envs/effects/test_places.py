@@ -83,7 +83,7 @@ def test_floor_effects_build_the_floor_that_they_say():
     laid = Cable(center=(9.0, 9.0), direction=0.0, length=1.0, diameter=0.01)
     floor = Floor(cables=(laid,), slope=(0.01, 0.0), climbing=False)
     cable = Cable(center=(0.1, 0.2), direction=0.3, length=2.0, diameter=0.008)
-    patch = Patch(center=(1.0, 2.0), size=(0.5, 0.4), angle=0.6, friction=0.2)
+    patch = Patch(center=(1.0, 2.0), size=(0.5, 0.4), angle=0.6, friction=0.25, relative=True)
     expected = Floor(cables=(laid, cable), patches=(patch,), slope=(0.03, -0.01), climbing=False)
     assert floor_of(robot, floor) == expected
     assert RobotWorld(robot, floor).floor == expected
@@ -93,6 +93,33 @@ def test_floor_effects_build_the_floor_that_they_say():
     assert sensed.world.floor == expected
     with pytest.raises(InputError, match="too thick"):
         RobotWorld(ASOC.with_effects(Bump(x=0.0, y=0.0, direction=0.0, value=0.05)))
+
+
+@pytest.mark.parametrize("stepper", ["compiled", "reference"])
+@pytest.mark.parametrize("below", [(), (0.04,), (0.04, 1.5)])
+def test_a_slippery_place_has_its_part_of_the_friction_that_it_lies_on(below, stepper):
+    """On wet soap a place with half the friction is twice as slippery, not ten times as rough."""
+    wide = {"center": (0.0, 0.0), "size": (100.0, 100.0)}
+    floor = Floor(patches=tuple(Patch(**wide, friction=friction) for friction in below))
+    effects = [FrictionPatch(x=0.0, y=0.0, length=2.0, width=2.0, value=value) for value in (0.5, 0.2)]
+    for x, share in ((0.0, 0.4), (5.0, 1.0)):
+        worlds = [
+            RobotWorld(vehicle, floor, pose=(x, 0, 0), stepper=stepper)
+            for vehicle in (ASOC, ASOC.with_effects(*effects))
+        ]
+        for world in worlds:
+            world.advance(np.zeros(6))
+        plain, worn = (world.wheels["limit"] for world in worlds)
+        np.testing.assert_allclose(plain, (below[-1] if below else ASOC.contact.friction) * worlds[0].wheels["load"])
+        np.testing.assert_allclose(worn, share * plain)
+
+
+def test_slippery_floors_are_read_and_written_with_what_they_lie_on():
+    patches = [Patch(center=(0.0, 1.0), size=(1.0, 1.0), friction=0.5, relative=relative) for relative in (False, True)]
+    floor = Floor(patches=tuple(patches))
+    written = floor.to_dict()
+    assert [("relative" in patch) for patch in written["patches"]] == [False, True]
+    assert Floor.from_dict(written) == floor
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.7])
