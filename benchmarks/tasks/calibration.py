@@ -211,7 +211,7 @@ def driven_turn(robot: RobotDescription, held: int, direction: Direction, seed: 
         *_, terminated, truncated, _ = env.step(action)
         finished = terminated or truncated
     env.close()
-    return dataclasses.replace(env.log(), reference=None, command=None)  # voltages, not the rad/s of a log's commands
+    return dataclasses.replace(env.log(), reference=None)
 
 
 def built(robot: RobotDescription, case: Case) -> RobotDescription:

@@ -73,7 +73,7 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
     ## Information
     `pose` (3,): the truth. `target` (3,): the trajectory's pose now. `position_error` (m), `heading_error` (rad,
     wrapped): sizes. `command`, `steering_command`: what the motors were told in the last period (rad/s; with voltage
-    control the wheels' fraction).
+    control the wheels' fraction), 0 of wheels that are held.
 
     ## Arguments
     - `robot`: a preset's name, the path of a robot file, or a `RobotDescription`

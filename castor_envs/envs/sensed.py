@@ -33,7 +33,7 @@ class SensedVehicle(ABC):
     """A vehicle in a world, seen through the encoders of its bodies: a robot is one body, a train one for each axle.
 
     vehicle: with its effects; `described` is what controllers and estimators may know. The state is made anew by the
-    `reset` of subclasses. observation: the newest.
+    `reset` of subclasses. observation: the newest. held: which of the driven wheels (from 0) are blocked.
     """
 
     world: Any  # RobotWorld or TrainWorld
@@ -51,6 +51,7 @@ class SensedVehicle(ABC):
         self._bodies, self._built = bodies, [Geometry.of(body) for body in built]
         self.encoders = Encoders(self._built, 0.0)
         self.observation: Observation = {}
+        self.held = np.empty(0, dtype=np.intp)
 
     @property
     @abstractmethod
@@ -103,7 +104,8 @@ class SensedVehicle(ABC):
     def layout(self) -> tuple[object, ...]:
         """What vehicles must have in common, beside their bodies, to be moved and seen as one: what is driven, held and
         sensed."""
-        return tuple((body.driven_wheels, body.pivot_encoders, body.gyro is not None) for body in self._bodies)
+        of_bodies = [(body.driven_wheels, body.pivot_encoders, body.gyro is not None) for body in self._bodies]
+        return *of_bodies, tuple(self.held.tolist())
 
     @property
     def steps_in_fleet(self) -> bool:
@@ -160,6 +162,7 @@ class SensedRobot(SensedVehicle):
         self._robot = robot
         self.world = RobotWorld(robot, floor, held=held)  # refuses what cannot stand or be computed
         super().__init__(robot, (robot,), (robot.as_built(),), floor)
+        self.held = self.world.held
         self._geometry = Geometry.of(self.described)
 
     def reset(self, random: np.random.Generator, theta: Array) -> None:
@@ -173,11 +176,6 @@ class SensedRobot(SensedVehicle):
         """Drive for one sample period and read the sensors."""
         self.world.advance(commands.wheel, commands.steering, drive)
         self._sense()
-
-    @property
-    def layout(self) -> tuple[object, ...]:
-        """That of all vehicles, and which wheels are held."""
-        return *super().layout, tuple(self.world.held_wheels.tolist())
 
     @property
     def pose(self) -> Array:

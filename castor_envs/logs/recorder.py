@@ -17,15 +17,16 @@ from castor_envs.vehicles.load import check_beside, file_name
 class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
     """Records every sample of an episode: counts, pivots or relative poses, commands and, as the reference, the truth.
 
-    Where the vehicle has effects on the clock of its reference, the reference comes early or late, and is blank after
-    the last sample.
+    Commands of a log are speeds, so wheels that are driven by voltage have none in it. Where the vehicle has effects on
+    the clock of its reference, the reference comes early or late, and is blank after the last sample.
 
-    env: an environment that offers its `vehicle`, as those of castor_envs do, and maybe `reference(t, pose)`, what a
-    tracker reports of true poses, and `readings`, what its sensors say where the agent sees something else (scaled);
-    wrapped or not. folder: where each episode goes as ``episode-0000.csv``, with the vehicle's description beside it as
-    ``robot.json`` or ``train.json``; None keeps the newest episode in memory only (`log`). An episode is written when
-    it ends; one that is left, or cut by a wrapper around this one, by the next `reset` or by `close`. Raises InputError
-    for a folder that holds episodes, or another vehicle's file.
+    env: an environment that offers its `vehicle`, as those of castor_envs do, and maybe `drive`, "voltage" where that
+    is what wheels are commanded, `reference(t, pose)`, what a tracker reports of true poses, and `readings`, what its
+    sensors say where the agent sees something else (scaled); wrapped or not. folder: where each episode goes as
+    ``episode-0000.csv``, with the vehicle's description beside it as ``robot.json`` or ``train.json``; None keeps the
+    newest episode in memory only (`log`). An episode is written when it ends; one that is left, or cut by a wrapper
+    around this one, by the next `reset` or by `close`. Raises InputError for a folder that holds episodes, or another
+    vehicle's file.
     """
 
     def __init__(self, env: gym.Env[Any, Any], folder: str | os.PathLike[str] | None = None) -> None:
@@ -36,6 +37,7 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
         self._vehicle = bare.vehicle
         self._readings = lambda observation: getattr(bare, "readings", observation)
         self._reference = getattr(bare, "reference", lambda t, pose: pose)
+        self._has_speeds = getattr(bare, "drive", "servo") == "servo"
         self._folder = None if folder is None else Path(folder)
         self._episodes = 0
         self._rows: list[dict[str, Array]] = []
@@ -79,7 +81,7 @@ class RecordLog(gym.Wrapper[dict[str, Array], Any, dict[str, Array], Any]):
             t=columns["t"],
             wheel=np.cumsum(columns["wheel"], axis=0),
             pivot=columns["pivot"],
-            command=columns["command"],
+            command=columns["command"] if self._has_speeds else None,
             steering_command=columns["steering_command"] if columns["steering_command"].shape[1] else None,
             reference=self._reference(columns["t"], columns["pose"]),
             gyro=columns.get("gyro"),

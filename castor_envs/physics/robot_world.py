@@ -31,7 +31,7 @@ class RobotWorld:
     castor_angles (n,): theta at the start, those of fixed castors ignored. twist: (v_x, v_y, omega) in B at the start;
     castors and wheels start in rolling motion with it. stepper: "compiled" or "reference" (plain Python). substeps: a
     sample period; None takes as many as the robot's stiffest contact needs. held: the castor (from 1) whose driven
-    wheels are blocked, whatever they are commanded.
+    wheels are blocked, whatever they are commanded; in the attribute, which of the driven wheels they are (from 0).
     """
 
     def __init__(
@@ -56,8 +56,8 @@ class RobotWorld:
         if held is not None:
             held = whole_number(held, "held, the number of a castor,")
         castor_number = np.array(self.robot.wheel_castors)[self.driven_wheels] + 1
-        self.held_wheels = self.driven_wheels[castor_number == held]
-        if held is not None and not self.held_wheels.size:
+        self.held = np.flatnonzero(castor_number == held)
+        if held is not None and not self.held.size:
             raise InputError(f"robot {self.robot.name!r} has no castor {held} with driven wheels to hold")
         self.castor_bodies = np.cumsum(~self.geometry.fixed) * ~self.geometry.fixed
 
@@ -132,8 +132,8 @@ class RobotWorld:
         robot = self.robot
         limit = robot.max_wheel_speed if drive == "servo" else 1.0
         self.simulation.command(self.driven_wheels, wheel_command, limit, drive)
-        if self.held_wheels.size:
-            self.simulation.command(self.held_wheels, 0.0, 1.0, "off" if drive == "off" else "servo")
+        if self.held.size:
+            self.simulation.command(self.driven_wheels[self.held], 0.0, 1.0, "off" if drive == "off" else "servo")
         if self._steers:
             most = robot.max_steering_speed
             rates = np.broadcast_to(np.minimum(np.maximum(steering_command, -most), most), self._steers)

@@ -67,7 +67,8 @@ class RobotLanes(Lanes):
         super().__init__(members, threads)
         worlds = [member.world for member in members]
         first, robots = worlds[0], [world.robot for world in worlds]
-        self._driven, self._held, self._castor_bodies = first.driven_wheels, first.held_wheels, first.castor_bodies
+        self._driven, self._castor_bodies = first.driven_wheels, first.castor_bodies
+        self._held = self._driven[first.held]
         self._fixed, self._has_gyro = first.geometry.fixed, robots[0].gyro is not None
         self._angle = np.stack([world.geometry.angle for world in worlds])
         self._centers = np.stack([world.center for world in worlds])[:, None]

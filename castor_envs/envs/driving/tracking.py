@@ -128,6 +128,9 @@ class TrackingEnv(VehicleEnv[Sensed]):
         return fraction * fastest
 
     def _commands(self, motors: Array) -> Commands:
+        if self.sensed.held.size:
+            motors = motors.copy()
+            motors[self.sensed.held] = 0.0
         return Commands(motors[: self.follower.wheels], motors[self.follower.wheels :])
 
     def _after(self, commands: Commands) -> tuple[Any, dict[str, Any]]:

@@ -78,6 +78,7 @@ class TrackingVectorEnv(SyncVectorEnv):
         going = ~over if self.autoreset_mode == AutoresetMode.NEXT_STEP else self._all
         fraction = np.minimum(np.maximum(finite(actions, self.action_space.shape, "actions"), -1.0), 1.0)
         motors, wheels = self._motors(fraction), first.follower.wheels
+        motors[:, first.sensed.held] = 0.0
         commands = motors[:, :wheels], motors[:, wheels:]
         self._lanes.advance(*commands, first.drive)
         self._sample += going

@@ -7,6 +7,7 @@ import pytest
 from castor_envs.errors import InputError
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.motion.trajectories import pivoting
 from castor_envs.vehicles.load import file_name, load_vehicle
 from castor_envs.vehicles.presets import preset
 
@@ -32,6 +33,39 @@ def rows(folder):
     logs = sorted(folder.glob("*.csv"))
     assert [log.name for log in logs] == [f"episode-{k:04d}.csv" for k in range(len(logs))]
     return [len(read_log(log, preset("differential"))) for log in logs]
+
+
+@pytest.mark.parametrize(
+    ("name", "vehicle"),
+    [("ASOC-v1", {"robot": "differential"}), ("ASOC-v1", {"robot": "swerve"}), ("CFMMR-v1", {"train": "cfmmr-2"})],
+)
+def test_commands_are_speeds_or_left_out(tmp_path, name, vehicle):
+    """A log's commands are in rad/s, so that whoever replays it drives as fast; voltages are none."""
+    for control in ("speed", "voltage"):
+        env = RecordLog(gym.make(f"castor_envs:castor/{name}", control=control, **vehicle), tmp_path / control)
+        env.reset(seed=0)
+        for _ in range(3):
+            *_, info = env.step(np.full(env.action_space.shape, 0.5, dtype=np.float32))
+        env.close()
+        log = read_log(tmp_path / control / "episode-0000.csv", env.unwrapped.vehicle)
+        assert (log.command is None) == (control == "voltage")
+        assert (log.steering_command is None) == (not info["steering_command"].size)
+        if control == "speed":
+            np.testing.assert_array_equal(log.command[-2], info["command"])
+
+
+@pytest.mark.parametrize("control", ["speed", "voltage", "residual"])
+@pytest.mark.parametrize("held", [1, 3])
+def test_wheels_that_are_held_are_told_to_stand(control, held):
+    turn = pivoting(preset("asoc-prototype").castors[held - 1].pivot)
+    env = gym.make("castor_envs:castor/ASOC-v1", control=control, held=held, trajectory=turn)
+    env.reset(seed=0)
+    of_held = slice(2 * held - 2, 2 * held)
+    for _ in range(10):
+        *_, info = env.step(np.full(env.action_space.shape, 0.1, dtype=np.float32))
+        blocked = np.zeros(6, dtype=bool)
+        blocked[of_held] = True
+        np.testing.assert_array_equal(info["command"] == 0.0, blocked)
 
 
 def test_episodes_that_a_wrapper_outside_cuts_are_written(tmp_path):

@@ -7,11 +7,29 @@ import numpy as np
 import pytest
 
 from castor_envs.floor import Floor
-from castor_envs.motion.controllers import KinematicController
+from castor_envs.geometry.se2 import rotate_single
+from castor_envs.motion.controllers import KinematicController, trailing_angles
 from castor_envs.motion.kinematics import Geometry, forward
+from castor_envs.motion.trajectories import pivoting
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import Castor, Contact, RobotDescription, Wheel
+
+
+@pytest.mark.parametrize("drive", ["servo", "voltage"])
+@pytest.mark.parametrize("held", [1, 2, 3])
+def test_wheels_that_are_held_stand_whatever_they_are_commanded(held, drive):
+    """The prototype turns about the held castor: its pivot stays where it is, and all others go round it."""
+    robot = preset("asoc-prototype")
+    pivot = np.array(robot.castors[held - 1].pivot)
+    first = pivoting(robot.castors[held - 1].pivot).runs[0].legs[0].motion
+    world = RobotWorld(robot, held=held, castor_angles=trailing_angles(Geometry.of(robot), first))
+    for _ in range(40):
+        world.advance(np.full(6, 2.0 if drive == "servo" else 0.1), drive=drive)
+    turned = np.abs(world.wheel_angles).reshape(3, 2)
+    assert 10 * turned[held - 1].max() < np.delete(turned, held - 1, axis=0).min()
+    assert world.pose[2] > 0.3
+    assert math.dist(world.pose[:2] + rotate_single(pivot, world.pose[2]), pivot) < 0.012
 
 
 def omni_robot(angles_and_rollers, pivots):
