@@ -34,12 +34,16 @@ def combined(parts: list[tuple[float, float, Array]]) -> tuple[float, float, Arr
 def wheel_loads(robot: RobotDescription, gravity: float) -> Array:
     """Return the load on each wheel (w,), N, as it is on average over all directions in which castors may trail.
 
-    The chassis stands on its pivots: the smallest loads (in the sum of squares) that balance its weight and moments,
-    which is exact for three; a pivot bearing takes moments, so a castor's own weight and load stand on its wheels by
-    the lever rule about the pivot's line. Moments that no arrangement of these pivots can balance are left to support
-    castors without load.
+    The chassis stands on its pivots, and on the axles of castors that are fixed to it: the smallest loads (in the sum
+    of squares) that balance its weight and moments, which is exact for three; a pivot bearing takes moments, so a
+    castor's own weight and load stand on its wheels by the lever rule about the pivot's line. Moments that no
+    arrangement of these places can balance are left to support castors without load.
     """
-    on_castor = _castor_loads(robot, gravity, np.array([castor.pivot for castor in robot.castors]))
+    places = [np.array(castor.pivot) for castor in robot.castors]
+    for i, castor in enumerate(robot.castors):
+        if castor.steering == "fixed":
+            places[i] += rotate_single(castor_center(robot, i), castor.angle)
+    on_castor = _castor_loads(robot, gravity, np.array(places))
     for castor, load in zip(robot.castors, on_castor.tolist(), strict=True):
         if load <= castor.mass * gravity:
             raise InputError(

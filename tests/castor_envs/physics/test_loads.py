@@ -1,12 +1,15 @@
 """How loads on castors shift, which physics leaves out: by trailing, against statics, and by accelerating, by hand."""
 
+import dataclasses
 import math
 
 import numpy as np
 import pytest
 
+from castor_envs.geometry.se2 import rotate_single
+from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.vehicles.presets import n_castor, preset
-from castor_envs.vehicles.weight import swung_loads, wheel_loads
+from castor_envs.vehicles.weight import chassis, swung_loads, wheel_loads
 
 G = 9.80665
 PROTOTYPE = preset("asoc-prototype")
@@ -79,3 +82,45 @@ def test_accelerating_shifts_them_by_less_than_trailing(acceleration, share):
 def test_they_are_equal_at_two_metres_a_second_squared_if_the_centre_of_mass_is_as_high_as_28_cm():
     assert transfer(2.0, 0.28)[0] == pytest.approx(-0.48, rel=0.01)
     assert transfer(4.94, HEIGHT)[0] == pytest.approx(-0.48, rel=0.01)
+
+
+def offset_behind(robot, i, pivot_ahead):
+    """The same robot, the pivot of its fixed castor i described ahead of where it was, with as much more offset."""
+    castor = robot.castors[i]
+    ahead = rotate_single(np.array([pivot_ahead, 0.0]), castor.angle)
+    moved = dataclasses.replace(
+        castor, pivot=tuple(castor.pivot + ahead), offset=castor.offset + pivot_ahead, pivot_counts_per_rev=None
+    )
+    return dataclasses.replace(robot, castors=(*robot.castors[:i], moved, *robot.castors[i + 1 :]))
+
+
+def drive(robot, castors=None):
+    world = RobotWorld(robot, castor_angles=castors)
+    for _ in range(20):
+        world.advance(np.full(len(robot.driven_wheels), 6.0), np.full(len(robot.driven_castors), 0.3))
+    return world.pose
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4])
+@pytest.mark.parametrize("ahead", [0.05, 0.15, 0.3])
+def test_where_the_pivot_of_a_castor_that_never_turns_is_said_to_be_changes_nothing(ahead, angle):
+    robot = preset("tricycle")
+    rear = dataclasses.replace(robot.castors[1], angle=angle)
+    robot = dataclasses.replace(robot, castors=(robot.castors[0], rear))
+    other = offset_behind(robot, 1, ahead)
+    np.testing.assert_allclose(wheel_loads(other, G), wheel_loads(robot, G), rtol=1e-12)
+    for one, two in zip(chassis(other), chassis(robot), strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(drive(other), drive(robot), atol=1e-9)
+
+
+@pytest.mark.parametrize("off", [0.0, 0.02, -0.05])
+def test_loads_sum_to_the_weight_where_the_wheels_alone_cannot_balance_it(off):
+    """On one axle the moment of a centre of mass ahead of it is borne by castors that physics has no load for."""
+    robot = preset("differential")
+    castors = [dataclasses.replace(castor, pivot=(0.2, castor.pivot[1])) for castor in robot.castors]
+    robot = dataclasses.replace(robot, castors=tuple(castors), center_of_mass=(0.2 + off, 0.0))
+    weight = G * (robot.mass + sum(castor.mass for castor in robot.castors))
+    at = np.array([[castor.angle for castor in robot.castors]])
+    assert np.sum(wheel_loads(robot, G)) == pytest.approx(weight, rel=1e-12)
+    assert np.sum(swung_loads(robot, G, at)) == pytest.approx(weight, rel=1e-12)
