@@ -17,6 +17,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.stepper import Drive
 from castor_envs.physics.train_world import TrainWorld
+from castor_envs.physics.tyre import OMNI
 from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.sensors.gyro import GyroSensor
 from castor_envs.sensors.observation import Observation, observation
@@ -115,7 +116,8 @@ class SensedVehicle(ABC):
     def sliding(self) -> NDArray[np.bool_]:
         """Return which wheels (w,) slide: their force is at the friction limit."""
         wheels = self.world.wheels
-        force = np.hypot(wheels["force_long"], wheels["force_lat"])
+        aside = np.where(wheels["grip"] == OMNI, wheels["roller"] * wheels["force_long"], wheels["force_lat"])
+        force = np.hypot(wheels["force_long"], aside)
         return (wheels["limit"] > 0) & (force >= wheels["limit"] * (1 - 1e-9))
 
     def observation_space(self, duration: float) -> spaces.Space[Any]:

@@ -112,7 +112,9 @@ class ForceBalance:
         self._geometry, self._motion, self._carrying, self._path = geometry, motion, carrying, path
         self._rows, self._rolling = rows[:, carrying], (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
         self._needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
-        self._limits = (contact.friction * loads)[carrying % w]
+        # Rollers at an angle push aside as well: of a contact's force the part along is limited.
+        along = np.sqrt(1.0 + geometry.roller**2)
+        self._limits = (contact.friction * loads / along)[carrying % w]
         self._most = np.maximum(speed.max(axis=1, keepdims=True) / (self._rolling * self._limits), 1.0)
 
     def creep(self, known: Array | None = None, agree: bool = False) -> Slip:
@@ -165,7 +167,7 @@ def _within_friction(
     yield (k, rows).
 
     needed (k, e): forces on all that the rows (k, rows, e) move. yields (k, rows): m/s for each N while a contact
-    rolls. limits (rows,): friction times load of each row's wheel, whose number is `wheel` (rows,). most (k, rows):
+    rolls. limits (rows,): N, of the force along of each row's wheel, whose number is `wheel` (rows,). most (k, rows):
     times as much, a contact yields at most. It then slides, at its limit, as fast as the fastest wheel rolls; a motion
     that needs larger forces is none, and has no slips that could give them.
     """
