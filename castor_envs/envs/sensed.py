@@ -15,7 +15,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.motion.controllers import Commands
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.robot_world import RobotWorld
-from castor_envs.physics.stepper import Drive
+from castor_envs.physics.stepper import FASTEST, Drive
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.physics.tyre import OMNI
 from castor_envs.sensors.encoders import Encoders, castor_angles
@@ -123,13 +123,13 @@ class SensedVehicle(ABC):
     def observation_space(self, duration: float) -> spaces.Space[Any]:
         """Return the space of observations in an episode of at most `duration` s."""
         period = self.vehicle.sample_period
-        # Twice the fastest turn a period: a wheel pushed by the others may run ahead of its own limit.
-        fastest = np.concatenate(
-            [
-                2 * body.max_wheel_speed * period * built.counts_per_rev[np.array(body.driven_wheels)] / (2 * np.pi) + 1
-                for body, built in zip(self._bodies, self._built, strict=True)
-            ]
-        )
+        # A wheel that others push, or a slope, runs ahead of its own limit, and effects on encoders add to it.
+        fastest = []
+        for body, built in zip(self._bodies, self._built, strict=True):
+            driven = np.array(body.driven_wheels)
+            most = body.max_wheel_speed + FASTEST / np.minimum(built.radius[driven], 1.0)  # rad/s
+            fastest.append(most * period * built.counts_per_rev[driven] / (2 * np.pi) + 1)
+        fastest = np.concatenate(fastest)
         latest = duration + period
         return spaces.Dict(
             {
@@ -258,7 +258,8 @@ class SensedTrain(SensedVehicle):
 
     def _other_spaces(self, latest: float) -> dict[str, spaces.Box]:
         frames = self._built_train.frames
-        reach = np.concatenate([[frame.length, frame.length, MOST_BENT] for frame in frames])
+        longest = [1.001 * max(frame.length, frame.computed_length) for frame in frames]  # and rounding
+        reach = np.concatenate([[length, length, MOST_BENT] for length in longest])
         return {
             "rps": spaces.Box(-reach, reach, dtype=np.float64),
             "rps_age": spaces.Box(0.0, latest, (len(frames),), dtype=np.float64),
