@@ -28,6 +28,8 @@ Sensed = TypeVar("Sensed", SensedRobot, SensedTrain)
 OF_WRAPPERS = {"minari_autoseed"}
 """Options of `reset` that wrappers read and hand on."""
 
+MOST_SAMPLES = 1_000_000  # of an episode: 14 hours at 50 ms; all of them are looked at before the first one
+
 VIEW_MARGIN = 0.6  # m of floor shown around the course and the robot on it
 
 
@@ -171,7 +173,17 @@ class RobotEnv(VehicleEnv[SensedRobot]):
         floor = load_floor(floor)
         if not isinstance(trajectory, Trajectory):
             raise InputError(f"trajectory must be a Trajectory or the name of one, got {type(trajectory).__name__}")
+        if any(trajectory.start):
+            raise InputError(
+                f"trajectory {trajectory.name!r} starts at {trajectory.start}, and robots of environments at the "
+                "origin; leave start out"
+            )
         sensed = SensedRobot(load_robot(robot), floor, held)
+        if (longest or trajectory.duration) > MOST_SAMPLES * sensed.described.sample_period:
+            raise InputError(
+                f"trajectory {trajectory.name!r} takes {trajectory.duration:.3g} s, more than {MOST_SAMPLES:,} sample "
+                "periods; choose a shorter or a faster one"
+            )
         self.robot, self.trajectory = sensed.described, trajectory
         check_drivable(self.robot, trajectory)
         margin = VIEW_MARGIN + max(np.hypot(*castor.pivot) for castor in self.robot.castors)

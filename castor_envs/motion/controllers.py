@@ -1,6 +1,7 @@
 """Controllers: from the desired motion and sensor readings to motor commands, for robots and for trains."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +15,7 @@ from castor_envs.motion.trajectories import Trajectory
 from castor_envs.vehicles.robot import RobotDescription
 from castor_envs.vehicles.train import TrainDescription
 
+SETTLED = 1e-12  # rad: castors that turn by less in a period, while the robot moves on as it does, have stopped turning
 STANDSTILL = 1e-6  # m/s: a pivot slower than this has no direction to steer to
 
 # Gains on the errors along (1/s), across (1/m2) and in heading (1/m): critically damped, within a third of a metre.
@@ -65,9 +67,15 @@ class KinematicController:
         twists = trajectory.at(times)[1]
         theta = trailing_angles(self._geometry, trajectory.runs[0].legs[0].motion)
         wheels = np.empty((len(times), len(self._driven_wheels)))
-        for k, twist in enumerate(twists):
-            wheel, rate = self._middle(theta, twist)
-            wheels[k], theta = wheel[self._driven_wheels], theta + self._period * rate
+        changes = np.flatnonzero(np.any(np.diff(twists, axis=0) != 0.0, axis=1)) + 1
+        for start, end in pairwise([0, *changes.tolist(), len(times)]):
+            for k in range(start, end):
+                wheel, rate = self._middle(theta, twists[k])
+                turned = self._period * rate
+                if np.abs(turned).max() < SETTLED:
+                    wheels[k:end] = wheel[self._driven_wheels]
+                    break
+                wheels[k], theta = wheel[self._driven_wheels], theta + turned
         return wheels, twists
 
     def _middle(self, theta: Array, twist: Array) -> tuple[Array, Array]:

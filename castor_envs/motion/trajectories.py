@@ -14,7 +14,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from castor_envs.errors import InputError
+from castor_envs.errors import InputError, shortened
 from castor_envs.geometry.arrays import Array, vectors
 
 Direction = Literal["ccw", "cw"]
@@ -31,6 +31,19 @@ class Leg:
     motion: tuple[float, float, float]
     length: float
 
+    def __post_init__(self):
+        try:
+            x, y, psi = self.motion
+            # A sum is finite where all its parts are.
+            sound = self.length >= 0.0 and math.isfinite(x + y + psi + self.length)
+        except (TypeError, ValueError):
+            sound = False
+        if not sound:
+            raise InputError(
+                f"a leg needs a motion of three finite numbers and a finite length of at least 0, not "
+                f"{shortened(repr((self.motion, self.length)), 60)}"
+            )
+
 
 @dataclass(frozen=True)
 class Run:
@@ -39,6 +52,11 @@ class Run:
     legs: tuple[Leg, ...]
     speed: float
     acceleration: float
+
+    def __post_init__(self):
+        _check_positive(speed=self.speed, acceleration=self.acceleration)
+        if not all(isinstance(leg, Leg) for leg in self.legs) or not self.length > 0:
+            raise InputError(f"a run needs legs of some length, not {shortened(repr(self.legs), 60)}")
 
     @cached_property
     def length(self) -> float:
@@ -92,6 +110,12 @@ class Trajectory:
     name: str
     runs: tuple[Run, ...]
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self):
+        if not self.runs or not all(isinstance(run, Run) for run in self.runs):
+            raise InputError(f"trajectory {self.name!r} needs runs, not {shortened(repr(self.runs), 60)}")
+        if len(self.start) != 3 or not all(map(math.isfinite, self.start)):
+            raise InputError(f"trajectory {self.name!r}: start is x, y and psi, not {shortened(repr(self.start), 60)}")
 
     @property
     def duration(self) -> float:

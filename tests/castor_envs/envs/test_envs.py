@@ -19,7 +19,7 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
-from castor_envs.motion.trajectories import Leg, Run, Trajectory
+from castor_envs.motion.trajectories import Leg, Run, Trajectory, umbmark
 from castor_envs.rendering.drawing.palette import ESTIMATE
 from castor_envs.vehicles.presets import preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
@@ -453,3 +453,16 @@ def test_wrappers_that_the_docs_say_how_to_use_work_so(wrapped):
     env.reset(seed=0)
     observation, *_ = env.step(env.action_space.sample())
     assert env.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize(
+    ("name", "course", "said"),
+    [
+        ("ASOC-v1", {"trajectory": Trajectory("off", umbmark(side=0.3).runs, (3.0, 0.0, 0.0))}, "at the origin"),
+        ("ASOC-v1", {"trajectory": umbmark(side=1e6)}, "more than 1,000,000 sample periods"),
+        ("UMBmark-v0", {"side": 1e6}, "more than 1,000,000 sample periods"),
+    ],
+)
+def test_courses_that_start_elsewhere_or_never_end_are_refused(name, course, said):
+    with pytest.raises(InputError, match=said):
+        gym.make(f"castor/{name}", **course)

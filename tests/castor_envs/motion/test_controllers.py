@@ -1,4 +1,4 @@
-"""The driver keeps every axle of a train on its path, and each behind the one ahead."""
+"""The driver keeps every axle of a train on its path, and each behind the one ahead; robots are driven as they roll."""
 
 import dataclasses
 import math
@@ -7,11 +7,13 @@ import numpy as np
 import pytest
 
 from castor_envs.geometry.se2 import relative_pose
-from castor_envs.motion.controllers import TrainDriver
+from castor_envs.motion.controllers import KinematicController, TrainDriver, trailing_angles
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.paths import TrainPath, named_path
+from castor_envs.motion.trajectories import chained, figure_eight, umbmark
 from castor_envs.physics.train_world import TrainWorld
 from castor_envs.sensors.posture import PostureSensors
-from castor_envs.vehicles.presets import cfmmr
+from castor_envs.vehicles.presets import cfmmr, preset
 
 LENGTH, RADIUS, HALF_TRACK, PERIOD = 0.35, 0.075, 0.16, 0.05
 BEND = TrainPath("bend", ((1.0, 0.8), (1.0, -0.5)))
@@ -224,3 +226,32 @@ def test_a_constant_error_of_the_sensors_is_taken_for_their_zero():
         seen = relative_pose(places[1:], places[:-1]) + (t > 0) * np.array([0.0, 0.01, 0.02])
         commands = sound.commands(t, seen, np.zeros(2))
         np.testing.assert_allclose(shifted.commands(t, seen + off, np.zeros(2)), commands, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["asoc-prototype", "swerve", "tricycle", "omni3", "differential"])
+def test_what_a_trajectory_asks_of_wheels_is_what_the_controller_commands_on_it(name):
+    """Rolling sample by sample without slip, castors where they trail to; long straights are not gone through."""
+    robot = preset(name)
+    course = chained("there", (umbmark(side=3.0), figure_eight()))
+    controller, geometry = KinematicController(robot), Geometry.of(robot)
+    wheels, twists = controller.rolled(course)
+    theta = trailing_angles(geometry, course.runs[0].legs[0].motion)
+    for wheel, twist in zip(wheels, twists, strict=True):
+        commands = controller.commands(theta, twist)
+        np.testing.assert_allclose(wheel, commands.wheel, atol=1e-9)
+        theta = theta + robot.sample_period * controller._middle(theta, twist)[1]
+
+
+def test_longer_straights_take_no_more_looks():
+    looks = []
+
+    class Counting(KinematicController):
+        def _middle(self, theta, twist):
+            looks[-1] += 1
+            return super()._middle(theta, twist)
+
+    for side in (10.0, 1000.0):
+        looks.append(0)
+        wheels, _ = Counting(preset("asoc-prototype")).rolled(umbmark(side=side))
+    assert len(wheels) > 300_000 > 10 * looks[1]
+    assert looks[1] < 1.1 * looks[0]

@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from castor_envs.errors import InputError
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
-from castor_envs.motion.trajectories import figure_eight, moved, pivoting, umbmark, wander
+from castor_envs.motion.trajectories import Leg, Run, Trajectory, figure_eight, moved, pivoting, umbmark, wander
 from castor_envs.sensors.encoders import Encoders, castor_angles
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, Wheel
@@ -160,3 +160,31 @@ def test_encoders_never_lose_a_remainder(seed):
     believed = castor_angles(geometry, Encoders(geometry, phase).pivot(theta))
     error = np.angle(np.exp(1j * (believed - theta)))
     assert np.max(np.abs(error)) <= np.pi / 5143 * (1 + 1e-9)
+
+
+AHEAD = Leg((1.0, 0.0, 0.0), 1.0)
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: Leg((1.0, 0.0), 1.0),
+        lambda: Leg((1.0, 0.0, math.nan), 1.0),
+        lambda: Leg((1.0, 0.0, 0.0), -1.0),
+        lambda: Leg((1.0, 0.0, 0.0), math.inf),
+        lambda: Leg((1.0, 0.0, "0"), 1.0),
+        lambda: Run((), 0.2, 0.5),
+        lambda: Run((Leg((1.0, 0.0, 0.0), 0.0),), 0.2, 0.5),
+        lambda: Run(((1.0, 0.0, 0.0),), 0.2, 0.5),
+        lambda: Run((AHEAD,), -0.2, 0.5),
+        lambda: Run((AHEAD,), 0.2, 0.0),
+        lambda: Run((AHEAD,), math.nan, 0.5),
+        lambda: Trajectory("none", ()),
+        lambda: Trajectory("no runs", (AHEAD,)),
+        lambda: Trajectory("nowhere", (Run((AHEAD,), 0.2, 0.5),), (0.0, math.nan, 0.0)),
+        lambda: Trajectory("flat", (Run((AHEAD,), 0.2, 0.5),), (0.0, 0.0)),
+    ],
+)
+def test_what_nobody_can_drive_is_refused_where_it_is_made(made):
+    with pytest.raises(InputError, match=r"needs|must be|start is"):
+        made()
