@@ -137,8 +137,9 @@ def cable_extra_roll(wheel_radius: float, diameter: float) -> float:
 FLOORS = {"slippery": Floor(patches=(Patch(center=(0.0, 0.0), size=(100.0, 100.0), friction=0.04),))}
 
 
-def load_floor(floor: Floor | str | None) -> Floor:
+def load_floor(floor: Floor | str | os.PathLike[str] | None) -> Floor:
     """Return a floor given as a `Floor`, a name or the path of a file, or None for an even floor; raises InputError."""
+    floor = os.fspath(floor) if isinstance(floor, os.PathLike) else floor
     if isinstance(floor, str):
         if floor not in FLOORS and not floor.endswith(".json") and not os.path.exists(floor):
             raise InputError(f"there is no floor or file {floor!r}{did_you_mean(floor, FLOORS)}")

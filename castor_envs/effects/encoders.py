@@ -1,6 +1,7 @@
 """Effects on what the encoders read: gains, eccentric discs, backlash, lost counts, and curves learned from logs."""
 
 import math
+from bisect import bisect_right
 from collections.abc import Callable
 from functools import partial
 from typing import Annotated, Literal, Self
@@ -27,6 +28,7 @@ Fraction = Annotated[float, Field(ge=-0.5, le=0.5)]
 Direction = Literal["forward", "backward", "both"]
 Phase = Annotated[float, Field(ge=-math.pi, le=math.pi)]
 QUARTERS = (0.0, math.pi / 2)  # sines of these two phases add up to a sine of any phase
+MANY = 1000  # bursts before a log that are skipped together; the begins of fewer are summed one by one
 CLEAR = 1e-6  # part of a count by which angles at a limit keep clear of it: sums of counts are rounded
 Of = Literal["own angle", "castor angle", "speed"]
 """What a curve depends on: the encoder's own angle or its castor's (rad, of one turn), or how fast it turns (rad/s)."""
@@ -293,16 +295,19 @@ class TickLossBursts(Effect[RobotDescription]):
     ) -> Array:
         """Return what is read of an angle (1,), rad, at t, s. bursts: when they begin, from the last one that counts.
         before: time and angle of the last sample. lost: so far, rad."""
+        if not before and random is None and t - self.start > MANY * self.period:  # nothing is lost before
+            bursts[:] = [self.start + self.period * math.floor((t - self.start) / self.period - 1.0)]
         while bursts[-1] < t:
             bursts.append(bursts[-1] + self.period * (1.0 if random is None else random.uniform(0.0, 2.0)))
         if before:
             since, turned = before[0][0], angle - before[0][1]
-            while len(bursts) > 1 and bursts[1] <= since:
-                del bursts[0]
+            del bursts[: max(0, bisect_right(bursts, since) - 1)]
             begins = np.array(bursts)
             edges = np.minimum(begins[:-1] + self.width, begins[1:])
             shared = np.clip(np.minimum(edges, t) - np.maximum(begins[:-1], since), 0.0, None).sum()
             lost += self.value * turned * (shared / (t - since))
+        else:
+            del bursts[:-2]
         before[:] = [(t, angle)]
         return angle - lost
 

@@ -187,7 +187,10 @@ class FrameLength(Effect[TrainDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class SensorStops(Effect[TrainDescription]):
-    """From `value` seconds after its start, a frame's relative posture sensor repeats its last reading, which ages."""
+    """From `value` seconds after its start, a frame's relative posture sensor repeats its last reading, which ages.
+
+    The value is a time: at 0 the sensor never takes a second reading, and late ones change nothing.
+    """
 
     frame: Number
     value: DurationOrNone

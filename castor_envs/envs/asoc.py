@@ -1,5 +1,7 @@
 """castor/ASOC-v1: drive a robot on castors along a trajectory."""
 
+from os import PathLike, fspath
+
 import numpy as np
 
 from castor_envs.envs.base import RobotEnv
@@ -99,14 +101,14 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
 
     def __init__(
         self,
-        robot: RobotDescription | str = "asoc-prototype",
+        robot: RobotDescription | str | PathLike[str] = "asoc-prototype",
         *,
-        trajectory: Trajectory | str = "random",
+        trajectory: Trajectory | str | PathLike[str] = "random",
         control: Control = "speed",
         estimator: EstimatorClass | str | None = None,
         scaled: bool = False,
         held: int | None = None,
-        floor: Floor | str | None = None,
+        floor: Floor | str | PathLike[str] | None = None,
         render_mode: str | None = None,
     ) -> None:
         robot = load_robot(robot)
@@ -129,8 +131,9 @@ class ASOCEnv(TrackingEnv[SensedRobot], RobotEnv):
         self.sensed.advance(commands, drive)
 
 
-def named_trajectory(trajectory: Trajectory | str) -> Trajectory:
+def named_trajectory(trajectory: Trajectory | str | PathLike[str]) -> Trajectory:
     """Return a trajectory given as such, by its name or as the path of a drive file; raises InputError for others."""
+    trajectory = fspath(trajectory) if isinstance(trajectory, PathLike) else trajectory
     if not isinstance(trajectory, str):
         return trajectory
     if trajectory.lower().endswith(".csv"):

@@ -1,5 +1,6 @@
 """What the environments share: a sensed vehicle that is to follow a course, and its pictures."""
 
+from os import PathLike
 from typing import Any, ClassVar, Generic, TypeVar
 
 import gymnasium as gym
@@ -162,9 +163,9 @@ class RobotEnv(VehicleEnv[SensedRobot]):
 
     def __init__(
         self,
-        robot: RobotDescription | str,
+        robot: RobotDescription | str | PathLike[str],
         trajectory: Trajectory,
-        floor: Floor | str | None,
+        floor: Floor | str | PathLike[str] | None,
         render_mode: str | None,
         held: int | None = None,
         longest: float | None = None,
@@ -203,9 +204,9 @@ class TrainEnv(VehicleEnv[SensedTrain]):
 
     def __init__(
         self,
-        train: TrainDescription | str,
+        train: TrainDescription | str | PathLike[str],
         path: TrainPath | str,
-        floor: Floor | str | None,
+        floor: Floor | str | PathLike[str] | None,
         render_mode: str | None,
     ) -> None:
         floor = load_floor(floor)

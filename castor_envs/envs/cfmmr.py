@@ -1,5 +1,7 @@
 """castor/CFMMR-v1: drive a train of axle modules along a path."""
 
+from os import PathLike
+
 from castor_envs.envs.base import TrainEnv
 from castor_envs.envs.driving.followers import TrainFollower
 from castor_envs.envs.driving.tracking import Control, EstimatorClass, TrackingEnv
@@ -86,13 +88,13 @@ class CFMMREnv(TrackingEnv[SensedTrain], TrainEnv):
 
     def __init__(
         self,
-        train: TrainDescription | str = "cfmmr-3",
+        train: TrainDescription | str | PathLike[str] = "cfmmr-3",
         *,
         path: TrainPath | str = "random",
         control: Control = "speed",
         estimator: EstimatorClass | str | None = None,
         scaled: bool = False,
-        floor: Floor | str | None = None,
+        floor: Floor | str | PathLike[str] | None = None,
         render_mode: str | None = None,
     ) -> None:
         super().__init__(train, path, floor, render_mode)

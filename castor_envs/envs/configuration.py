@@ -1,5 +1,6 @@
 """castor/Configuration-v0: estimate the poses of all axles of a train that drives along a path."""
 
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -71,10 +72,10 @@ class ConfigurationEnv(TrainEnv):
 
     def __init__(
         self,
-        train: TrainDescription | str = "cfmmr-3",
+        train: TrainDescription | str | PathLike[str] = "cfmmr-3",
         *,
         path: TrainPath | str = "s-bend",
-        floor: Floor | str | None = None,
+        floor: Floor | str | PathLike[str] | None = None,
         render_mode: str | None = None,
     ) -> None:
         super().__init__(train, path, floor, render_mode)

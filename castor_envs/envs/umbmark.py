@@ -1,5 +1,6 @@
 """castor/UMBmark-v0: estimate the pose of a robot that drives the square of UMBmark."""
 
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -77,7 +78,7 @@ class UMBmarkEnv(RobotEnv):
 
     def __init__(
         self,
-        robot: RobotDescription | str = "asoc-prototype",
+        robot: RobotDescription | str | PathLike[str] = "asoc-prototype",
         *,
         direction: Direction = "ccw",
         corners: Corners = "turn",
@@ -86,7 +87,7 @@ class UMBmarkEnv(RobotEnv):
         acceleration: float = 0.5,
         turn_speed: float = np.pi / 4,
         turn_acceleration: float = np.pi / 2,
-        floor: Floor | str | None = None,
+        floor: Floor | str | PathLike[str] | None = None,
         render_mode: str | None = None,
     ) -> None:
         square = umbmark(

@@ -158,8 +158,14 @@ class Geometry:
     def side_slip_of_fixed(self, twist: ArrayLike) -> Array:
         """Return how fast (m/s) each fixed castor (..., n) slips sideways at a twist (..., 3); 0 where it may."""
         slip = inverse(self, self.angle, np.zeros_like(self.angle), twist).side_slip
-        first = np.searchsorted(self.wheel_castor, np.arange(self.n_castors))
-        return np.where(self.fixed & self.standard[first], slip[..., first], 0.0)
+        wheel, held = self._standard_of_castor
+        return np.where(self.fixed & held, slip[..., wheel], 0.0)
+
+    @cached_property
+    def _standard_of_castor(self) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """Of each castor (n,) a wheel without rollers, and whether it has one."""
+        on = (self.wheel_castor == np.arange(self.n_castors)[:, None]) & self.standard
+        return np.argmax(on, axis=1), np.any(on, axis=1)
 
     def expand(self, axes: int) -> "Geometry":
         """Return the geometry with `axes` new axes of length 1 behind its leading ones, to broadcast over runs."""

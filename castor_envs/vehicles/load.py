@@ -33,10 +33,11 @@ def file_name(vehicle: Vehicle) -> str:
     return f"{_WORDS[type(vehicle)]}.json"
 
 
-def load_vehicle(spec: Vehicle | str) -> Vehicle:
+def load_vehicle(spec: Vehicle | str | os.PathLike[str]) -> Vehicle:
     """Return a vehicle given as a description, a preset's name, or the path of its file (ending in .json)."""
     if isinstance(spec, RobotDescription | TrainDescription):
         return spec
+    spec = os.fspath(spec) if isinstance(spec, os.PathLike) else spec
     if not isinstance(spec, str):
         raise InputError(f"expected a robot or train, a preset's name or a file, got {type(spec).__name__}")
     if spec.endswith(".json"):
@@ -57,17 +58,17 @@ def check_beside(folder: Path, vehicle: Vehicle, named: str) -> None:
             raise InputError(f"{named}: {beside} is another {word}; name a new folder")
 
 
-def load_robot(spec: RobotDescription | str) -> RobotDescription:
+def load_robot(spec: RobotDescription | str | os.PathLike[str]) -> RobotDescription:
     """Return a robot as `load_vehicle` does; raises InputError for anything else."""
     return _of_kind(RobotDescription, spec)
 
 
-def load_train(spec: TrainDescription | str) -> TrainDescription:
+def load_train(spec: TrainDescription | str | os.PathLike[str]) -> TrainDescription:
     """Return a train as `load_vehicle` does; raises InputError for anything else."""
     return _of_kind(TrainDescription, spec)
 
 
-def _of_kind(kind: type[Kind], spec: Kind | str) -> Kind:
+def _of_kind(kind: type[Kind], spec: Kind | str | os.PathLike[str]) -> Kind:
     vehicle = load_vehicle(spec)
     if not isinstance(vehicle, kind):
         given, needed = _WORDS[type(vehicle)], _WORDS[kind]

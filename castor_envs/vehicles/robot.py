@@ -259,7 +259,7 @@ class RobotDescription:
         """Return a robot as it may truly be, made within the tolerances of this one; without any, this one.
 
         Errors are normal, cut at three standard deviations, and drawn castor by castor: pivot x and y, zero or angle,
-        offset, then radius and lateral of each wheel.
+        offset, then radius and lateral of each wheel; wheels again where they would stand on or beyond each other.
         """
         if self.tolerances is None:
             return self
@@ -277,7 +277,10 @@ class RobotDescription:
             turned = within.pivot_zero * off()
             turn = {"angle": c.angle + turned} if c.steering == "fixed" else {"pivot_zero": c.pivot_zero + turned}
             offset = c.offset * (1 + within.offset * off())
-            return dataclasses.replace(c, pivot=pivot, offset=offset, wheels=tuple(wheel(w) for w in c.wheels), **turn)
+            wheels = tuple(wheel(w) for w in c.wheels)
+            while any(left.lateral - right.lateral < FINEST for left, right in itertools.pairwise(wheels)):
+                wheels = tuple(wheel(w) for w in c.wheels)
+            return dataclasses.replace(c, pivot=pivot, offset=offset, wheels=wheels, **turn)
 
         return dataclasses.replace(self, castors=tuple(castor(c) for c in self.castors))
 

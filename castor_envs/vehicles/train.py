@@ -50,7 +50,7 @@ class Frame:
     damping: Annotated[float, Field(ge=0, le=1e3)] = 0.001
     links: Annotated[int, Field(ge=3, le=24)] = 6
     gauges: Annotated[tuple[Coordinate, ...], Field(min_length=1)] | None = None
-    gauge_noise: Annotated[float, Field(ge=0, le=10)] = 0.1
+    gauge_noise: Annotated[float, Field(ge=0, le=20)] = 0.1  # twice what effects add
     gauge_offset: Annotated[float, Field(ge=0, le=10)] = 0.4
     gauge_gains: tuple[Gain, ...] = ()
     gauge_drift: Annotated[float, Field(ge=-10, le=10)] = 0.0

@@ -76,6 +76,9 @@ class TrackingVectorEnv(SyncVectorEnv):
         if self.autoreset_mode == AutoresetMode.DISABLED and over.any():
             raise InputError(f"members {np.flatnonzero(over).tolist()} have ended; reset them by options['reset_mask']")
         going = ~over if self.autoreset_mode == AutoresetMode.NEXT_STEP else self._all
+        if over.any() and np.shape(actions) == self.action_space.shape:
+            # What members that begin again are told is not read.
+            actions = np.where(going.reshape(-1, *np.ones(np.ndim(actions) - 1, dtype=int)), actions, 0.0)
         fraction = np.minimum(np.maximum(finite(actions, self.action_space.shape, "actions"), -1.0), 1.0)
         motors, wheels = self._motors(fraction), first.follower.wheels
         motors[:, first.sensed.held] = 0.0

@@ -285,3 +285,20 @@ def test_drawn_bursts_come_as_often_as_they_say_and_anew_with_every_seed():
     assert lost[0][-1] == pytest.approx(20.0, rel=0.05)
     np.testing.assert_array_equal(lost[0], lost[2])
     assert np.max(np.abs(lost[0] - lost[1])) > 0.05
+
+
+@pytest.mark.parametrize("seed", [None, 3])
+def test_bursts_of_a_log_that_begins_late_are_those_of_one_from_the_start(seed):
+    """A million bursts before the first row cost no more than their begins."""
+    effect = TickLossBursts(castor=1, wheel=1, value=0.5, period=0.25, width=0.1, seed=seed)
+    began = 25.0 if seed else 250_000.0
+    t = began + 0.05 * np.arange(200)
+    late = t - seen(effect, t, t)[0][:, 0]
+    if seed is None:
+        early = t - began - seen(effect, t - began, t - began)[0][:, 0]
+    else:
+        whole = 0.05 * np.arange(700)
+        early = (whole - seen(effect, whole, whole)[0][:, 0])[500:]
+        early = early - early[0]
+    np.testing.assert_allclose(late, early, atol=1e-7)
+    assert late[-1] > 1.0

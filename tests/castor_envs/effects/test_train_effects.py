@@ -13,6 +13,7 @@ from castor_envs.effects.train import (
     FrameLength,
     GaugeDrift,
     GaugeGain,
+    GaugeNoise,
 )
 from castor_envs.errors import InputError
 from castor_envs.physics.train_world import TrainWorld
@@ -140,3 +141,11 @@ def test_an_axle_slips_as_its_frame_turns_it():
     contact, usual = softer.as_built().modules[0].contact, train.modules[0].contact
     assert contact.slip_stiffness_lat == pytest.approx(0.1 * usual.slip_stiffness_lat)
     assert contact.friction == usual.friction
+
+
+@pytest.mark.parametrize("described", [0.0, 0.1, 10.0])
+def test_the_most_noise_that_is_documented_can_be_added(described):
+    train = cfmmr(2)
+    frame = dataclasses.replace(train.frames[0], gauge_noise=described)
+    noisy = dataclasses.replace(train, frames=(frame,)).with_effects(GaugeNoise(frame=1, value=10.0))
+    assert noisy.as_built().frames[0].gauge_noise == pytest.approx(np.hypot(10.0, described))

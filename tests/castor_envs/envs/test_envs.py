@@ -19,9 +19,10 @@ from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
 from castor_envs.logs.csv import read_log
 from castor_envs.logs.recorder import RecordLog
+from castor_envs.logs.trajectory_files import write_drive
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, umbmark
 from castor_envs.rendering.drawing.palette import ESTIMATE
-from castor_envs.vehicles.presets import preset, preset_names
+from castor_envs.vehicles.presets import any_preset, preset, preset_names
 from castor_envs.vehicles.robot import RobotDescription
 
 IDS = tuple(ENVIRONMENTS)
@@ -466,3 +467,15 @@ def test_wrappers_that_the_docs_say_how_to_use_work_so(wrapped):
 def test_courses_that_start_elsewhere_or_never_end_are_refused(name, course, said):
     with pytest.raises(InputError, match=said):
         gym.make(f"castor/{name}", **course)
+
+
+def test_files_are_given_as_paths_of_any_kind(tmp_path):
+    robot, train, floor, drive = (tmp_path / name for name in ("r.json", "t.json", "f.json", "d.csv"))
+    preset("omni3").save(robot)
+    any_preset("cfmmr-2").save(train)
+    Floor(slope=(0.01, 0.0)).save(floor)
+    write_drive(drive, umbmark(side=0.3), 0.05)
+    env = gym.make("castor/ASOC-v1", robot=robot, floor=floor, trajectory=drive).unwrapped
+    assert (env.robot, env.sensed.floor.slope) == (preset("omni3"), (0.01, 0.0))
+    assert env.trajectory.duration == pytest.approx(umbmark(side=0.3).duration, abs=0.05)
+    assert gym.make("castor/CFMMR-v1", train=train, floor=floor).unwrapped.train.n_axles == 2

@@ -7,7 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from castor_envs.motion.mobility import Mobility, turned_by_motors
+from castor_envs.errors import InputError
+from castor_envs.motion.kinematics import Geometry
+from castor_envs.motion.mobility import Mobility, check_drivable, turned_by_motors
+from castor_envs.motion.trajectories import umbmark
 from castor_envs.vehicles.presets import preset, preset_names, split_castor
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 
@@ -96,3 +99,18 @@ def test_what_a_split_castor_needs_to_turn_a_body(others, turned):
     """An idle fixed wheel, which does not slip sideways, or a second split castor; no idle castor or omni wheel."""
     robot = RobotDescription(name="two", castors=(split_castor((0.5, 0.0)), *others))
     assert turned_by_motors(robot) == turned
+
+
+@pytest.mark.parametrize("grips", [("standard", "omni"), ("omni", "standard"), ("standard", "standard")])
+def test_one_wheel_without_rollers_keeps_its_castor_from_slipping_sideways(grips):
+    """Whichever wheel of the castor it is."""
+    wheels = [Wheel(radius=0.05, lateral=side, grip=grip) for side, grip in zip((0.15, -0.15), grips, strict=True)]
+    behind = Castor(pivot=(0.3, 0.0), offset=0.05, pivot_counts_per_rev=4096, wheels=(Wheel(radius=0.05),))
+    fixed = Castor(pivot=(0.0, 0.0), steering="fixed", wheels=tuple(wheels))
+    robot = RobotDescription(name="mixed", castors=(fixed, behind))
+    with pytest.raises(InputError, match="slip sideways"):
+        check_drivable(robot, umbmark(corners="fixed"))
+    rollers = dataclasses.replace(fixed, wheels=tuple(dataclasses.replace(wheel, grip="omni") for wheel in wheels))
+    slip = Geometry.of(dataclasses.replace(robot, castors=(rollers, behind))).side_slip_of_fixed([0.0, 1.0, 0.0])
+    np.testing.assert_array_equal(slip, 0.0)
+    assert abs(Geometry.of(robot).side_slip_of_fixed([0.0, 1.0, 0.0])[0]) == pytest.approx(1.0)

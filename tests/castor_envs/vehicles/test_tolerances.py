@@ -7,7 +7,7 @@ import pytest
 
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.presets import preset, preset_names
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from castor_envs.vehicles.tolerances import Tolerances
 
 STATED = Tolerances(radius=0.01, lateral=0.02, offset=0.03, pivot=1e-3, pivot_zero=2e-3)
@@ -61,3 +61,13 @@ def test_robots_of_different_tolerances_are_not_stacked():
     robot = preset("swerve")
     with pytest.raises(ValueError, match="must agree in tolerances"):
         Geometry.of([robot, within(robot, STATED)])
+
+
+def test_wheels_that_stand_close_are_drawn_in_their_order():
+    """Twin tyres 3 cm apart, whose places scatter by a centimetre: no draw exchanges them, and none is refused."""
+    wheels = tuple(Wheel(radius=0.05, lateral=lateral) for lateral in (0.2, 0.17, -0.17, -0.2))
+    castor = Castor(pivot=(0.0, 0.0), steering="fixed", wheels=wheels)
+    robot = RobotDescription(name="twins", castors=(castor,), tolerances=Tolerances(lateral=0.05))
+    for seed in range(400):
+        lateral = [wheel.lateral for wheel in robot.drawn(np.random.default_rng(seed)).wheels]
+        assert lateral == sorted(lateral, reverse=True)

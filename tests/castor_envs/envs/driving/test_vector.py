@@ -249,3 +249,20 @@ def test_wrong_arguments_are_named():
             break
     with pytest.raises(InputError, match="reset_mask"):
         vector.step(np.zeros(vector.action_space.shape))
+
+
+@pytest.mark.parametrize("vehicle", [{"robot": "differential"}, {"robot": "differential", "control": "voltage"}])
+def test_what_a_member_that_begins_again_is_told_is_not_read(vehicle):
+    """Gymnasium's loop does not look at it either: policies that give NaN for what has ended go on."""
+    vector, loop = both(ROBOT, [vehicle] * 3)
+    random = np.random.default_rng(0)
+    assert not differing(vector.reset(seed=0), loop.reset(seed=0))
+    over, skipped = np.zeros(3, dtype=bool), 0
+    for _ in range(80):
+        actions = random.uniform(-1, 1, vector.action_space.shape).astype(np.float32)
+        actions[over] = np.nan
+        skipped += over.sum()
+        ours, theirs = vector.step(actions), loop.step(actions)
+        assert not differing(ours, theirs)
+        over = ours[2] | ours[3]
+    assert skipped
