@@ -51,10 +51,12 @@ def _draw_patch(canvas: Canvas, view: View, patch: Patch, friction: float) -> No
     edges = view.place([(0, 0), (view.size[0], 0), view.size, (0, view.size[1])])
     along, across = rotate(edges - np.array(patch.center), -patch.angle).T
     first, last = np.min(along) - gap, np.max(along) + gap
+    begin, end = max(-ends, np.min(along - across) - gap), min(ends, np.max(along - across) + gap)
     bars = []
-    for shift in np.arange(-ends, ends, gap):
+    for k in range(math.ceil((begin + ends) / gap), math.ceil((end + ends) / gap)):
+        shift = k * gap - ends
         low, high = max(-half_length, shift - half_width, first), min(half_length, shift + half_width, last)
-        if low < high and np.min(along - across) - gap < shift < np.max(along - across) + gap:
+        if low < high:
             a, b = view.pixel(placed(np.array([(low, low - shift), (high, high - shift)]), frame))
             bars.append((bar(a, b, 1.5 * view.unit), color, 80))
     if bars:

@@ -13,7 +13,7 @@ from gymnasium.error import DependencyNotInstalled
 
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
-from castor_envs.rendering import Renderer
+from castor_envs.rendering import Renderer, ground, outlines
 from castor_envs.rendering.drawing.palette import SLIDING, TRUE_PATH
 from castor_envs.rendering.outlines import castor_outlines, chassis_outline, swept_radius
 from castor_envs.vehicles.presets import cfmmr, differential, preset, preset_names
@@ -453,3 +453,17 @@ def test_impossible_views_are_refused(new_renderer, how, message):
 def test_a_pose_that_is_not_finite_is_refused(new_renderer):
     with pytest.raises(ValueError, match="three finite numbers"):
         new_renderer().draw((math.nan, 0.0, 0.0), np.zeros(3))
+
+
+def test_of_the_largest_patch_only_what_is_seen_is_hatched(monkeypatch, new_renderer):
+    """As many lines as in a picture of a patch that is hardly larger than the picture."""
+    drawn = []
+    monkeypatch.setattr(ground, "bar", lambda *line: drawn.append(line) or outlines.bar(*line))
+    counts = []
+    for side in (20.0, 1e4, 1e7):
+        floor = Floor(patches=(Patch(center=(0.3, -0.2), size=(side, side), friction=0.2, angle=0.3),))
+        drawn.clear()
+        new_renderer(floor=floor).draw(np.zeros(3), np.zeros(3))
+        counts.append(len(drawn))
+    assert 20 < counts[0] < 500
+    assert max(counts) - min(counts) <= 1
