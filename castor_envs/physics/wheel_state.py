@@ -63,24 +63,27 @@ def wheel_records(robot: RobotDescription, floor: Floor) -> NDArray[np.void]:
 
 
 def enough_substeps(robot: RobotDescription, records: NDArray[np.void]) -> int:
-    """Return the substeps a sample period that keep the stiffest castor's contact mode well resolved.
+    """Return the substeps a sample period that keep the stiffest mode of bodies on their contacts well resolved.
 
-    The contact sees body velocities explicitly, so with mode frequency omega a substep must keep omega dt and the
-    bristle damping's omega^2 damping dt small. Raises InputError where that takes more than `MOST_SUBSTEPS`.
+    A contact sees body velocities explicitly, so with mode frequency omega a substep must keep omega dt and the
+    bristle damping's omega^2 damping dt small. Bodies are the chassis on the wheels of all castors fixed to it, and
+    every other castor about its pivot; a body's contacts all give at once, and rollers at an angle push aside as well.
+    Raises InputError where that takes more than `MOST_SUBSTEPS`.
     """
+    fixed = np.array([castor.steering == "fixed" for castor in robot.castors])
+    castor_of = np.array(robot.wheel_castors)
+    stiffness = np.maximum(records["stiffness_long"] * (1.0 + records["roller"] ** 2), records["stiffness_lat"])
+    turning = stiffness * (records["x"] ** 2 + records["y"] ** 2)  # from the centre of mass of the chassis
+
     fastest = 0.0
-    offset_of = {k: robot.castors[i].offset for k, i in enumerate(robot.wheel_castors)}
-    for i, castor in enumerate(robot.castors):
-        wheels = [k for k, j in enumerate(robot.wheel_castors) if i == j]
-        stiffness = np.array([max(records[k]["stiffness_long"], records[k]["stiffness_lat"]) for k in wheels])
-        arm = np.array([robot.wheels[k].lateral ** 2 + offset_of[k] ** 2 for k in wheels])
-        if castor.steering == "fixed":
-            mass, inertia, _ = chassis(robot)
-            turning = float(np.sum(stiffness * arm)) / inertia
-        else:
-            mass = castor.mass
-            turning = float(np.sum(stiffness * arm)) / (castor.inertia + castor.mass * castor.offset**2)
-        fastest = max(fastest, float(np.sum(stiffness)) / mass, turning)
+    if fixed.any():
+        (mass, inertia, _), on_chassis = chassis(robot), fixed[castor_of]
+        fastest = max(float(np.sum(stiffness[on_chassis])) / mass, float(np.sum(turning[on_chassis])) / inertia)
+    for i in np.flatnonzero(~fixed).tolist():
+        castor, wheels = robot.castors[i], np.flatnonzero(castor_of == i)
+        arm = np.array([robot.wheels[k].lateral ** 2 + castor.offset**2 for k in wheels])
+        about_pivot = float(np.sum(stiffness[wheels] * arm)) / (castor.inertia + castor.mass * castor.offset**2)
+        fastest = max(fastest, float(np.sum(stiffness[wheels])) / castor.mass, about_pivot)
     longest = min(5e-4, 0.25 / math.sqrt(fastest), 0.3 / (fastest * max(robot.contact.damping, 1e-9)))
     substeps = math.ceil(robot.sample_period / longest)
     if substeps > MOST_SUBSTEPS:

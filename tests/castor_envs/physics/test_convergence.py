@@ -11,6 +11,7 @@ from castor_envs.floor import Floor
 from castor_envs.physics.robot_world import RobotWorld
 from castor_envs.physics.stepper import Drive
 from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import Castor, Contact, RobotDescription, Wheel
 
 SECONDS = 2.0
 
@@ -76,3 +77,60 @@ def test_speeding_up_from_rest_lags_behind_by_half_a_substep():
     exact = 2 * state(scene, 2)[0] - coarse
     assert exact[0, 0] - coarse[0, 0] == pytest.approx(coarse[1, 0] * world.dt / 2, rel=0.1)
     assert coarse[1, 0] == pytest.approx(exact[1, 0], rel=2e-5)
+
+
+def on_fixed_castors(places, roller_angle=0.0, grip="standard", inertia=1.0, **contact):
+    """A robot on fixed castors at places (x, wheels' y)."""
+    castors = [
+        Castor(
+            pivot=(x, 0.0),
+            steering="fixed",
+            mass=2.0 / len(places),
+            inertia=0.001,
+            wheels=tuple(
+                Wheel(
+                    radius=0.05, lateral=y, grip=grip, counts_per_rev=1000, roller_angle=-roller_angle * np.sign(x * y)
+                )
+                for y in lateral
+            ),
+        )
+        for x, lateral in places
+    ]
+    return RobotDescription(
+        name="fixed", castors=tuple(castors), mass=20.0, inertia=inertia, contact=Contact(**contact)
+    )
+
+
+@pytest.mark.parametrize("roller_angle", [0.8, 1.3, 1.4])
+@pytest.mark.parametrize("inertia", [1.0, 0.3])
+def test_stiff_rollers_take_as_many_substeps_as_they_need(roller_angle, inertia):
+    robot = on_fixed_castors([(0.3, (0.2, -0.2)), (-0.3, (0.2, -0.2))], roller_angle, "omni", inertia)
+    poses = []
+    for finer in (1, 16):
+        world = RobotWorld(robot, substeps=finer * RobotWorld(robot).substeps)
+        for k in range(20):
+            world.advance(np.array([0.8, 1.0, 0.8, 1.0]) * (6.0 if k < 12 else -6.0))
+        poses.append(world.pose)
+    assert math.dist(poses[0][:2], poses[1][:2]) < 1e-4  # m; without rollers as much
+    assert poses[0][2] == pytest.approx(poses[1][2], abs=1e-3)
+
+
+@pytest.mark.parametrize("stiffness", [80.0, 1000.0])
+def test_substeps_do_not_depend_on_how_wheels_stand_on_castors_that_never_turn(stiffness):
+    """Two wheels on one axle are one castor with two wheels, or two castors with pivots of their own."""
+    one = on_fixed_castors([(0.0, (0.3, -0.3))], relaxation_length=1e-3, slip_stiffness_long=stiffness)
+    castor = one.castors[0]
+    apart = tuple(
+        dataclasses.replace(
+            castor,
+            pivot=(0.4, wheel.lateral),
+            offset=0.4,
+            mass=castor.mass / 2,
+            wheels=(dataclasses.replace(wheel, lateral=0.0),),
+        )
+        for wheel in castor.wheels
+    )
+    # The castors' masses stand farther out, which the chassis makes up for.
+    inertia = one.inertia - castor.mass * 0.3**2 - castor.inertia
+    other = RobotWorld(dataclasses.replace(one, castors=apart, inertia=inertia))
+    assert other.substeps == pytest.approx(RobotWorld(one).substeps, abs=1)
