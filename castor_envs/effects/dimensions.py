@@ -221,10 +221,10 @@ class PivotBias(Effect[RobotDescription]):
 
 @dataclass(frozen=True, kw_only=True, config=CONFIG)
 class LoadRadius(Effect[RobotDescription]):
-    """Tyres yield: a wheel's radius is smaller by `value` (m/N) times its load beyond the mean at rest of all wheels.
+    """Tyres yield: a wheel's radius is smaller by `value` (m/N) times its load beyond the mean at rest.
 
-    As castors turn, loads shift (`castor_envs.vehicles.weight.swung_loads`); shifts by acceleration are left out. The
-    mean is over the wheels with encoders. `apply` takes each wheel's load at rest.
+    The mean is over the wheels with encoders. As castors turn, loads shift (`castor_envs.vehicles.weight.swung_loads`);
+    shifts by acceleration are left out. `apply` takes each wheel's load at rest.
     """
 
     name: Literal["load_radius"] = "load_radius"

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from castor_envs.effects.catalogue import catalogue, floor_of, readings, reference, slip_of
+from castor_envs.effects.catalogue import catalogue, floor_of, radii_of, readings, reference, slip_of
 from castor_envs.effects.clocks import ClockOffset
 from castor_envs.effects.dimensions import LoadRadius, PivotBias
 from castor_envs.effects.encoders import TickLossBursts
@@ -22,7 +22,7 @@ from castor_envs.geometry.se2 import compose
 from castor_envs.geometry.steps import Motion
 from castor_envs.physics.contact_motion import ContactMotion, contact_paths
 from castor_envs.physics.robot_world import RobotWorld
-from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.presets import preset, preset_names
 
 ASOC, DIFFERENTIAL = preset("asoc-prototype"), preset("differential")
 G = 9.80665
@@ -302,3 +302,28 @@ def test_bursts_of_a_log_that_begins_late_are_those_of_one_from_the_start(seed):
         early = early - early[0]
     np.testing.assert_allclose(late, early, atol=1e-7)
     assert late[-1] > 1.0
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_soft_tyres_leave_the_mean_radius_of_wheels_with_encoders(name):
+    """By the others nothing is counted: they may be loaded more or less, as a tricycle's driven wheel is."""
+    robot = preset(name)
+    if name == "tricycle":
+        robot = dataclasses.replace(robot, center_of_mass=(0.5 * robot.castors[0].pivot[0], 0.0))
+    built = robot.with_effects(LoadRadius(value=1e-6)).as_built()
+    change = np.array([wheel.radius for wheel in built.wheels]) - [wheel.radius for wheel in robot.wheels]
+    assert np.mean(change[list(robot.driven_wheels)]) == pytest.approx(0.0, abs=1e-12)
+    if len(robot.driven_wheels) < len(robot.wheels) and name == "tricycle":
+        assert abs(np.mean(change)) > 1e-6
+
+
+def test_radii_in_a_sample_are_those_of_its_middle():
+    """Castors that a motor turns all the way shift the loads as they do: half a sample early would show."""
+    robot = preset("powered-caster").with_effects(LoadRadius(value=2e-5))
+    world, radii = RobotWorld(robot), radii_of(robot)
+    for _ in range(20):
+        before = world.castor_angles
+        world.advance(np.full(len(robot.driven_wheels), 2.0), np.full(len(robot.driven_castors), 4.0))
+    after = world.castor_angles
+    begin, middle, end = radii(np.stack([before, (before + after) / 2, after]))
+    assert np.max(np.abs(world.wheels["radius"] - middle)) < 0.02 * np.max(np.abs(begin - end))

@@ -138,3 +138,24 @@ def test_pivots_hold_together_under_random_full_commands(name, friction):
         for joint in pivots(world):
             ends = joint.a.local_to_world(joint.anchor_a), joint.b.local_to_world(joint.anchor_b)
             assert math.dist(*ends) < 1e-5
+
+
+@pytest.mark.parametrize("name", ["swerve", "powered-caster"])
+def test_dead_motors_let_castors_turn(name):
+    """On ice a castor that spins goes on to spin; with live motors, told to stand, it does not."""
+    robot = preset(name)
+    robot = dataclasses.replace(robot, contact=dataclasses.replace(robot.contact, friction=1e-9))
+    spins = []
+    for drive in ("off", "servo"):
+        world = RobotWorld(robot)
+        world.simulation.motion[1, 5] = 3.0
+        if (offset := robot.castors[0].offset) != 0.0:  # its centre of mass goes round its pivot
+            world.simulation.motion[1, 3:5] = 0.0, -3.0 * offset
+        start = world.energy()
+        for _ in range(4):
+            world.advance(np.zeros(len(robot.driven_wheels)), np.zeros(len(robot.driven_castors)), drive)
+        spins.append(world.simulation.motion[1, 5] - world.simulation.motion[0, 5])
+        if drive == "off":
+            assert world.energy() == pytest.approx(start, rel=1e-3)
+    assert spins[0] == pytest.approx(3.0, rel=0.3)
+    assert abs(spins[1]) < 0.01
