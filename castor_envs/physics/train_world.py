@@ -1,6 +1,7 @@
 """The world of a train: axle modules on wheels, joined by frames that bend."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pymunk
@@ -12,13 +13,16 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.bodies import motion_of, pose_of, twist_of
 from castor_envs.geometry.se2 import compose, inverse, relative_pose
-from castor_envs.physics.beam import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link
+from castor_envs.physics.beam import Clamp, bent_pose, chain, chain_points, frame_substeps, half_link, link_inertia
 from castor_envs.physics.stepper import Drive, Simulation, Stepper, move
 from castor_envs.physics.wheel_state import MOST_SUBSTEPS, enough_substeps, wheel_records
 from castor_envs.vehicles.train import TrainDescription
 from castor_envs.vehicles.weight import chassis, combined
 
 ITERATIONS_PER_LINK = 3  # the solver's impulses travel along a chain by one joint an iteration
+LIGHT = 200.0
+"""Times as heavy as its frame's links an axle may be before substeps and iterations grow, both with the root of it: the
+solver's impulses turn a heavy axle by light links little by little, and what is left of it feeds or damps the frame."""
 
 
 class TrainWorld:
@@ -73,7 +77,10 @@ class TrainWorld:
         self.wheels = np.concatenate(records)
         needed = [enough_substeps(module, wheels) for module, wheels in zip(self.train.modules, records, strict=True)]
         needed += [frame_substeps(frame, self.train.sample_period) for frame in frames]
-        substeps = substeps or max(needed)
+        lightest = [link_inertia(frame)[0] for frame in frames]
+        heaviest = [max(bodies[f].mass, bodies[f + 1].mass) for f in range(len(frames))]
+        finer = math.sqrt(max(1.0, *(m / link / LIGHT for m, link in zip(heaviest, lightest, strict=True))))
+        substeps = substeps or math.ceil(finer * max(needed))
         if substeps > MOST_SUBSTEPS:
             raise InputError(
                 f"train {self.train.name!r}: a sample period would take {substeps} substeps of physics, more than "
@@ -97,7 +104,7 @@ class TrainWorld:
             self.floor,
             sample_period=self.train.sample_period,
             substeps=substeps,
-            iterations=ITERATIONS_PER_LINK * max(frame.links for frame in frames),
+            iterations=math.ceil(finer * ITERATIONS_PER_LINK * max(frame.links for frame in frames)),
             stepper=stepper,
         )
         self._n = n
