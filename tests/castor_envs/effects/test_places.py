@@ -320,7 +320,8 @@ def test_soft_tyres_leave_the_mean_radius_of_wheels_with_encoders(name):
 def test_radii_in_a_sample_are_those_of_its_middle():
     """Castors that a motor turns all the way shift the loads as they do: half a sample early would show."""
     robot = preset("powered-caster").with_effects(LoadRadius(value=2e-5))
-    world, radii = RobotWorld(robot), radii_of(robot)
+    world, radii, before = RobotWorld(robot), radii_of(robot), np.zeros(len(robot.castors))
+    assert radii is not None
     for _ in range(20):
         before = world.castor_angles
         world.advance(np.full(len(robot.driven_wheels), 2.0), np.full(len(robot.driven_castors), 4.0))

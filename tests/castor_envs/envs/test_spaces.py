@@ -1,5 +1,8 @@
 """Whatever a vehicle that can be described does, its observations are in their space."""
 
+# pyright: reportPossiblyUnboundVariable=false, reportAttributeAccessIssue=false
+# pyright: reportIndexIssue=false, reportOperatorIssue=false
+
 import dataclasses
 
 import gymnasium as gym

@@ -1,5 +1,8 @@
 """RecordLog loses no episode, and mixes none with those of another robot or another recorder."""
 
+# pyright: reportCallIssue=false, reportArgumentType=false, reportAttributeAccessIssue=false
+# pyright: reportPossiblyUnboundVariable=false, reportOptionalSubscript=false
+
 import gymnasium as gym
 import numpy as np
 import pytest

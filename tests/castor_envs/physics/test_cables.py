@@ -175,8 +175,12 @@ def test_the_force_at_a_cables_end_is_the_slope_of_what_it_lifts():
         along, aside = random.uniform(0.09, 0.115), random.uniform(-0.05, 0.05)
         place = along * axis + aside * np.array([-axis[1], axis[0]])
         way = small * np.array(random.normal(size=2))
-        rise, share, *gradient = rise_between(*(place - way / 2), *(place + way / 2), 0.05, rows)
-        before, after = (rise_between(*at, *at, 0.05, rows)[0] for at in (place - way / 2, place + way / 2))
+        (x, y), (end_x, end_y) = (place - way / 2).tolist(), (place + way / 2).tolist()
+        rise, share, *gradient = rise_between(x, y, end_x, end_y, 0.05, rows)
+        before, after = (
+            rise_between(x, y, x, y, 0.05, rows)[0],
+            rise_between(end_x, end_y, end_x, end_y, 0.05, rows)[0],
+        )
         assert share * np.dot(gradient, way) == pytest.approx(after - before, abs=1e-3 * small)
         felt += 0.0 < rise < 0.02 * (1 - 1e-9) and along > 0.1
     assert felt > 20

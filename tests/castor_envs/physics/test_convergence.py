@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -79,7 +80,7 @@ def test_speeding_up_from_rest_lags_behind_by_half_a_substep():
     assert coarse[1, 0] == pytest.approx(exact[1, 0], rel=2e-5)
 
 
-def on_fixed_castors(places, roller_angle=0.0, grip="standard", inertia=1.0, **contact):
+def on_fixed_castors(places, roller_angle=0.0, grip: Literal["standard", "omni"] = "standard", inertia=1.0, **contact):
     """A robot on fixed castors at places (x, wheels' y)."""
     castors = [
         Castor(
