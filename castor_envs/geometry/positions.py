@@ -32,7 +32,7 @@ def headings_along(path: Array, seen: Array, way: Array, size: float) -> Array:
 
     def around(products: Array, at: Array) -> Array:
         sums = np.concatenate([[0.0], np.cumsum(products)])
-        first, last = (np.searchsorted(at, way + by, side) for by, side in ((-reach, "left"), (reach, "right")))
+        first, last = np.searchsorted(at, way - reach, "left"), np.searchsorted(at, way + reach, "right")
         return np.asarray(sums[last] - sums[first])
 
     turn, point, known = np.zeros(len(way)), 0.0, np.isfinite(seen[:, 2])

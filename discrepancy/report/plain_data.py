@@ -123,7 +123,7 @@ def _names(diagnosis: Diagnosis) -> dict[str, str]:
     return {name: words.get(name, name) for name in sorted(reported)}
 
 
-def _gaps(before: Seen, after: Seen | None) -> list[list[float] | None] | None:
+def _gaps(before: Seen, after: Seen | None) -> list[list[float | None] | None] | None:
     """Return the gap, m and rad, without and with what is named."""
     if before.gap is None:
         return None

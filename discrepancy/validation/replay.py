@@ -312,8 +312,10 @@ def _windows(poses_seen: _Seen, measured: _Measured, window: float, notes: list[
         posed = np.flatnonzero(np.abs(times - begin) < 1e-9)
         later = np.flatnonzero((times >= begin + window - slack) & (times <= begin + LONGEST * window))
         if len(posed) and len(later):
-            both = [posed[0], later[0]]
-            stretch = _Window(begin, float(times[later[0]]), *poses[both], bool(headed[both].all()))
+            first, last = posed[0], later[0]
+            stretch = _Window(
+                begin, float(times[last]), poses[first], poses[last], bool(headed[first] and headed[last])
+            )
         else:
             end = float(min(begin + window, t[-1]))
             ahead = times[(times > begin + slack) & (times <= end)]

@@ -96,6 +96,7 @@ def test_the_gap_of_positions_is_that_of_poses_without_their_headings():
 
 def test_evidence_does_not_depend_on_the_world_of_the_reference():
     robot, log = preset("asoc-prototype"), positions("asoc-prototype", 1)
+    assert log.reference is not None
     moved = dataclasses.replace(log, reference=compose([5.0, 4.0, -2.0], log.reference) * [1.0, 1.0, np.nan])
     noise = linearise(robot, [log], among=()).noise
     here, there = (linearise(robot, [each], among=()).at_noise(noise).log_evidence for each in (log, moved))
@@ -109,6 +110,7 @@ def test_what_is_open_is_said_in_one_line():
         "the reference has no headings: odometry is turned as its positions show, and compared with these alone"
     )
     assert not [line for line in remarks(preset("asoc-prototype"), log) if "heading" in line]
+    assert log.reference is not None
     some = log.reference.copy()
     some[:400, 2] = np.nan
     (said,) = remarks(preset("asoc-prototype"), dataclasses.replace(log, reference=some))

@@ -29,7 +29,7 @@ def test_odometry_that_drifts_is_followed():
     drift = S / 15
     steps = np.diff(PATH[:, :2] @ [1, 1j]) * np.exp(1j * (drift[1:] + drift[:-1]) / 2)
     way = np.concatenate([[0.0], np.cumsum(steps)])
-    odometry = np.column_stack([way.real, way.imag, PATH[:, 2] + drift])
+    odometry = np.column_stack([np.real(way), np.imag(way), PATH[:, 2] + drift])
     assert np.abs(headings_along(odometry, blank(PATH), S, SIZE) - PATH[:, 2]).max() < 0.3
     inner = slice(10, -10)
     assert np.abs(headings_along(odometry, blank(PATH), S, SIZE) - PATH[:, 2])[inner].max() < 0.1

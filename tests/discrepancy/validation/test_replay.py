@@ -111,6 +111,7 @@ def headless(log):
 def test_positions_need_a_path_and_then_leave_the_same_gap(clean):
     """Given the true headings they are replayed as poses without noise of headings; no gap of heading is measured."""
     true = asoc().reference
+    assert true is not None
     path = np.column_stack([np.interp(clean.t, clean.t[::EVERY], column) for column in true[::EVERY].T])
     whole = dataclasses.replace(clean, reference=np.column_stack([clean.reference[:, :2], true[:, 2]]))
     expected, found = replay(ASOC, whole, WINDOW), replay(ASOC, headless(clean), WINDOW, path=path)
@@ -125,7 +126,9 @@ def test_positions_need_a_path_and_then_leave_the_same_gap(clean):
 
 
 def test_a_yaw_of_the_reference_in_the_robot_file_does_not_turn_positions(clean):
-    path = np.column_stack([np.interp(clean.t, clean.t[::EVERY], x) for x in asoc().reference[::EVERY].T])
+    true = asoc().reference
+    assert true is not None
+    path = np.column_stack([np.interp(clean.t, clean.t[::EVERY], x) for x in true[::EVERY].T])
     plain, yawed = (
         replay(robot, headless(clean), WINDOW, path=path)
         for robot in (ASOC, ASOC.with_effects(ReferenceYaw(value=0.3)))
