@@ -6,7 +6,8 @@ measurements, Larsen et al., Proc. FUSION 1998).
 
 Some fixes are wrong (`WRONG`) and then anywhere; one that is likelier wrong than right is left out. If the next one is
 left out too, and the way between both is the way that was driven, then not the fixes are wrong but the pose, and it is
-taken from them.
+taken from them. Where fixes say no heading, the way that was driven is that of the heading followed; as this may be
+lost as well, three whose ways are as long as those driven, in whatever direction, tell the same.
 """
 
 from typing import NamedTuple
@@ -48,10 +49,16 @@ class Belief(NamedTuple):
 
 
 class _Refused(NamedTuple):
-    """The fix (..., 3) that was left out last, and the pose (..., 3) followed at its time; NaN where it was not."""
+    """The fix (..., 3) that was left out last, and the pose (..., 3) followed at its time; NaN where it was not.
+
+    heading (...): standard deviation of the fix's heading, rad; 0 where it says none, and the one followed stands in.
+    as_far (...): whether it has no heading and is as far from the fix left out before as was driven.
+    """
 
     fix: Array
     pose: Array
+    heading: Array
+    as_far: NDArray[np.bool_]
 
 
 class FixUpdates:
@@ -90,17 +97,24 @@ class FixUpdates:
         log_likelihood = belief.log_likelihood + np.logaddexp(likelihood, wrong)
         right: NDArray[np.bool_] = np.greater(likelihood, wrong)
         claim = then + left  # where a fix says nothing, what was followed
-        lost: NDArray[np.bool_] = ~right & self._goes_on(claim, then)
+        heading = np.where(says[..., 2], self._deviation[2], 0.0)
+        if self._refused is None:
+            self._refused = _Refused(np.full_like(then, np.nan), then, heading, np.zeros(right.shape, dtype=bool))
+        last = self._refused
+        same, as_far = _goes_on(last, claim, then, self._deviation)
+        lost: NDArray[np.bool_] = ~right & (same | (as_far & last.as_far))
         if lost.any():
             unknown = belief.covariance.copy()
             unknown[..., [0, 1, 2], [0, 1, 2]] += np.where(lost[..., None], np.square(LOST), 0.0)
             corrected, _ = _updated(belief._replace(covariance=unknown), derivative, left, variance)
         there: NDArray[np.bool_] = np.any(says, axis=-1)
         refused = there & ~right & ~lost
-        last = _Refused(np.full_like(then, np.nan), then) if self._refused is None else self._refused
         fixed = np.where(refused[..., None], claim, np.nan)
         self._refused = _Refused(
-            np.where(there[..., None], fixed, last.fix), np.where(there[..., None], then, last.pose)
+            np.where(there[..., None], fixed, last.fix),
+            np.where(there[..., None], then, last.pose),
+            np.where(there, heading, last.heading),
+            np.where(there, refused & as_far, last.as_far),
         )
         taken = there & (right | lost)
         after = Belief(
@@ -132,18 +146,21 @@ class FixUpdates:
         part = np.clip((time - began) / (ended - began), 0.0, 1.0)[..., None, None]
         return np.where((time < times[0])[..., None, None], np.nan, first + part * (second - first))
 
-    def _goes_on(self, fix: Array, pose: Array) -> NDArray[np.bool_]:
-        """Return whether (...) the way from the fix left out last to this one is the way that was driven."""
-        if self._refused is None:
-            return np.zeros(pose.shape[:-1], dtype=bool)
-        driven = se2.relative_pose(self._refused.pose, pose)
-        off = se2.relative_pose(self._refused.fix, fix) - driven
-        off[..., 2] = wrap(off[..., 2])
-        way, turn = np.hypot(driven[..., 0], driven[..., 1]), np.abs(driven[..., 2])
-        across = 2 * self._deviation[0] ** 2 + (way * self._deviation[2]) ** 2 + (DRIVEN * way) ** 2
-        about = 2 * self._deviation[2] ** 2 + (DRIVEN * turn) ** 2
-        unlike = (off[..., 0] ** 2 + off[..., 1] ** 2) / across + off[..., 2] ** 2 / about
-        return np.less(unlike, SAME_WAY)  # of NaN: False
+
+def _goes_on(last: _Refused, fix: Array, pose: Array, deviation: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """Return whether (...) the way from the fix left out last to this one is the way that was driven, and whether
+    without a heading it is as long. deviation (3,): of x and y, m, and of the heading, rad, of fixes."""
+    driven, claimed = se2.relative_pose(last.pose, pose), se2.relative_pose(last.fix, fix)
+    off = claimed - driven
+    off[..., 2] = wrap(off[..., 2])
+    way, turn = np.hypot(driven[..., 0], driven[..., 1]), np.abs(driven[..., 2])
+    along = 2 * deviation[0] ** 2 + (DRIVEN * way) ** 2
+    across = along + (way * last.heading) ** 2
+    about = 2 * deviation[2] ** 2 + (DRIVEN * turn) ** 2
+    unlike = (off[..., 0] ** 2 + off[..., 1] ** 2) / across + off[..., 2] ** 2 / about
+    longer = np.hypot(claimed[..., 0], claimed[..., 1]) - way
+    as_far = np.less(longer**2, SAME_WAY * along) & np.equal(last.heading, 0.0)
+    return np.less(unlike, SAME_WAY), as_far  # of NaN: False
 
 
 def _updated(belief: Belief, derivative: Array, left: Array, variance: Array) -> tuple[Belief, Array]:

@@ -26,9 +26,9 @@ def seen(k, fix=NONE, age=np.nan):
     return {"time": np.array([0.1 * k]), "fix": fix, "fix_age": np.array([age])}
 
 
-def followed(fixes, path=PATH):
+def followed(fixes, path=PATH, sensor=SENSOR):
     """The belief after all samples of a path whose motion is known exactly; fixes: by sample, a fix and its age."""
-    updates, belief = FixUpdates(SENSOR, START), Belief(path[:1], PRIOR[None], np.zeros(1))
+    updates, belief = FixUpdates(sensor, START), Belief(path[:1], PRIOR[None], np.zeros(1))
     pose, known = path[0], []
     for k in range(len(path)):
         moved = se2.relative_pose(path[k - 1], path[k]) if k else np.zeros(3)
@@ -95,6 +95,34 @@ def test_a_lost_pose_is_taken_from_two_fixes_that_fit_each_other():
     path = followed(fixes)[1]
     np.testing.assert_allclose(path[8], PATH[8], atol=1e-12)
     np.testing.assert_allclose(path[20], se2.compose(elsewhere, PATH[20]), atol=0.02)
+
+
+def position(pose):
+    """A fix of a pose in the frame of `START`, as of a beacon, that says no heading."""
+    return np.array([*in_world(pose)[:2], np.nan]), 0.0
+
+
+@pytest.mark.parametrize("sensor", [SENSOR, Fixes(noise_position=0.02)], ids=["a compass", "none"])
+def test_two_wrong_positions_that_do_not_fit_each_other_move_nothing(sensor):
+    """Metres from the pose and 0.9 m from where the second had to be, be the noise of headings stated or not."""
+    fixes = {8: position(PATH[8] + [2.0, 1.0, 0.0]), 15: position(PATH[15] + [2.5, 1.8, 0.0])}
+    np.testing.assert_array_equal(followed(fixes, sensor=sensor)[1], followed({})[1])
+
+
+def test_a_lost_pose_is_taken_from_two_positions_that_fit_the_way_driven():
+    elsewhere = np.array([0.8, -0.9, 0.0])
+    path = followed({k: position(PATH[k] + elsewhere) for k in (8, 15)}, sensor=Fixes(noise_position=0.02))[1]
+    np.testing.assert_allclose(path[14], PATH[14], atol=1e-12)
+    np.testing.assert_allclose(path[15, :2], (PATH[15] + elsewhere)[:2], atol=0.01)
+
+
+def test_a_place_is_taken_from_three_positions_as_far_apart_as_was_driven():
+    """Where the heading is lost as well, ways go another way, and only their lengths agree."""
+    elsewhere = np.array([0.8, 0.9, 1.0])
+    there = se2.compose(elsewhere, PATH)
+    path = followed({k: position(there[k]) for k in (4, 8, 12)}, sensor=Fixes(noise_position=0.02))[1]
+    np.testing.assert_allclose(path[11], PATH[11], atol=1e-12)
+    np.testing.assert_allclose(path[12, :2], there[12, :2], atol=0.01)
 
 
 def test_the_same_way_is_recognised_but_for_one_in_a_thousand():
