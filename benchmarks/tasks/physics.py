@@ -6,6 +6,7 @@ something on it, one more each way on the clean floor, from which the extended U
 part).
 """
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,7 +25,7 @@ from castor_envs.motion.controllers import trailing_angles
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Direction
 from castor_envs.vehicles.presets import preset
-from castor_envs.vehicles.robot import RobotDescription
+from castor_envs.vehicles.robot import Gyro, RobotDescription
 
 ROBOT = "asoc-prototype"
 CASES = 20
@@ -106,6 +107,9 @@ class PhysicsUMBmark:
     def record(self, case: Case) -> Episode:
         """Return one run each way, and one each way on the clean floor where there is anything on it."""
         described = CALIBRATED.applied(self.robot.as_described(), np.random.default_rng([int(case), 0]))
+        if described.gyro is not None:
+            told = bias_as_told(described.gyro, np.random.default_rng([int(case), 3]))
+            described = dataclasses.replace(described, gyro=told)
         runs = []
         for side, direction in enumerate(("cw", "ccw")):
             floors = [self.floor(self.robot, direction, np.random.default_rng([int(case), 1, side]))]
@@ -115,6 +119,12 @@ class PhysicsUMBmark:
                 log = drive(self.robot, direction, floor, seed)
                 runs.append(Run(log, direction, baseline=bool(baseline), floor=floor))
         return Episode(described, with_ceiling(self.robot.as_built(), runs))
+
+
+def bias_as_told(gyro: Gyro, random: np.random.Generator) -> Gyro:
+    """Return a gyro as estimators get it: its bias off within `bias_tolerance`; nobody tells one that has none."""
+    told = 0.0 if gyro.bias_tolerance is None else gyro.bias + gyro.bias_tolerance * random.standard_normal()
+    return dataclasses.replace(gyro, bias=float(np.clip(told, -10.0, 10.0)))
 
 
 def drive(robot: RobotDescription, direction: Direction, floor: Floor, seed: int) -> Log:

@@ -125,6 +125,7 @@ def _gyro(robot: RobotDescription, random: np.random.Generator, case: int) -> Dr
     slipping = _bursts(robot, random, case)
     t = slipping.true.t
     walk = np.cumsum(GYRO_DRIFT * np.sqrt(np.diff(t, prepend=t[:1])) * random.standard_normal(len(t)))
+    # Of the true robot alone: the file that estimators get (`Kind.gyro`) says nothing of the bias.
     bias = Gyro(noise=GYRO_NOISE, bias=float(np.clip(random.normal(0.0, GYRO_BIAS), -1.0, 1.0)))
     read = dataclasses.replace(slipping.read, yaw_rate=slipping.read.yaw_rate + walk)
     return dataclasses.replace(slipping, robot=dataclasses.replace(slipping.robot, gyro=bias), read=read)

@@ -20,6 +20,7 @@ from benchmarks.tasks.task import odometry_of
 from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import preset
+from castor_envs.vehicles.robot import Gyro
 
 
 def task_on(spec, name):
@@ -48,6 +49,24 @@ def test_the_official_robot_drives_the_official_episodes():
     twin = task_on("asoc-prototype", name)
     assert twin.record(3).digest == official.record(3).digest
     assert twin.name != official.name
+
+
+@pytest.mark.parametrize("tolerance", [None, 0.002])
+def test_estimators_are_not_told_the_bias_of_a_gyro(tmp_path, tolerance):
+    """A file whose gyro is simulated with its bias: what is told is off by what the file states, or 0."""
+    gyro = Gyro(noise=1e-4, bias=0.05, bias_tolerance=tolerance)
+    dataclasses.replace(preset("differential"), gyro=gyro).save(tmp_path / "biased.json")
+    task = task_on(str(tmp_path / "biased.json"), "umbmark-physics-clean")
+    told = []
+    for case in range(3):
+        episode = task.record(case)
+        assert episode.runs[0].log.gyro[:10].mean() == pytest.approx(0.05, abs=5e-3)
+        told.append(episode.robot.gyro.bias)
+    if tolerance is None:
+        assert told == [0.0] * 3
+    else:
+        assert len({0.05, *told}) == 4
+        assert np.allclose(told, 0.05, atol=5 * tolerance)
 
 
 def test_cables_lie_under_the_innermost_wheel():
