@@ -40,8 +40,15 @@ TIE = 2.0
 """Twice the log-likelihood ratio up to which it is not known which of two measurements contradicts: both are released.
 With one equation more than needed, as of two wheels and a gyro, it never is."""
 
+RARER = 14.0
+"""Twice the logarithm of how much rarer gyros fail than wheels slip, a thousand times: by so much more than any wheel
+must a gyro contradict to be released."""
+
 RELEASED = 2e-2
 """m: standard deviation of the slip of a released measurement in a sample."""
+
+UNREAD = 1.0
+"""rad/s: standard deviation of what a released gyro is off: it may be dead, stuck or at the end of its range."""
 
 AGAIN = 2.0
 """Standard deviations of a residual beyond which a measurement is released again that was so in the sample before: what
@@ -54,7 +61,8 @@ LEAST = 1e-12
 """m^2: least variance of slip in a sample."""
 
 DRIFT = 1e-4
-"""rad/s in a root second: random walk of a gyro's bias, 0.04 deg/s in a minute, as of a chip that warms up."""
+"""rad/s in a root second: random walk of a gyro's bias where the description says none, 0.04 deg/s in a minute, as of
+a chip that warms up."""
 
 WHEEL = np.dtype([("radius", float), ("lateral", float), ("count", float)], align=True)
 """m, m, and rad of a count."""
@@ -197,23 +205,37 @@ def carried_over(covariance, changed, carry, spread):
                     covariance[r, other] += part * carry[s, other]
 
 
-def released(covariance, first, moves, residual, variance, slip, gate, factor, whitened, small):
+def read_anew(state, covariance, reading, noise):
+    """Let the entry `reading` of a state (D,) be the noise, rad/s, of a reading of which nothing is known yet."""
+    state[reading] = 0.0
+    for s in range(state.shape[0]):
+        covariance[reading, s] = covariance[s, reading] = 0.0
+    covariance[reading, reading] = noise * noise
+
+
+def released(covariance, first, moves, residual, variance, slip, gate, trusted, factor, whitened, small):
     """Factor the measurements' covariance (see `factored`), with those released that contradict all others; return
     twice the negative log-likelihood.
 
     While residuals beside all others exceed their gates (q,), in standard deviations, the one that does so by most (in
     squares), and all that tie with it (`TIE`), get the variance `slip` (q,), whose sign then changes; those of which it
-    is 0 stay.
+    is 0 stay, and so does measurement `trusted` (q: none) unless it does so by `RARER` more than all others.
     """
     q = residual.shape[0]
     explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small)
     for _ in range(q):
-        most = 0.0
+        most = -math.inf
         for i in range(q):
             whitened[W, i] = -math.inf
             if slip[i] > 0.0:
                 whitened[W, i] = beside(i, factor, whitened, small) ** 2 - gate[i] ** 2
-                most = max(most, whitened[W, i])
+                if i != trusted:
+                    most = max(most, whitened[W, i])
+        if trusted < q:
+            if whitened[W, trusted] > max(most, 0.0) + RARER:
+                most = whitened[W, trusted]
+            else:
+                whitened[W, trusted] = -math.inf
         if not most > 0.0:
             break
         for i in range(q):
@@ -259,11 +281,11 @@ def _advance(
     """Take one sample of each of B robots.
 
     castors, carried (B, n), wheels (B, d), rows (B, m): of types `CASTOR`, `CARRIED`, `WHEEL` and `ROW`. start, pose
-    (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 4): a turn,
-    rad, the variance of what it is off but for readings' noise, the sample's duration, s, 0 where there is none, and
-    that noise, rad/s. freed (B, F, q): the variances of slip of those measurements that are released. before (B, F,
-    3 + 2 n + d): the motion of the sample before (`forced`, `yields`). chassis (B, 1): of type `CHASSIS`. clock (B, 4):
-    see `timed`. wheel and pivot: the counts. Others: room.
+    (B, 3); state (B, F, D), covariance (B, F, D, D) and log_likelihood (B, F) of all filters (F,). gyro (B, 5): a turn,
+    rad, the variance of what it is off but for readings' noise, the sample's duration, s, 0 where there is none, that
+    noise, rad/s, and the random walk of the bias, rad/s in a root second. freed (B, F, q): the variances of slip of
+    those measurements that are released. before (B, F, 3 + 2 n + d): the motion of the sample before (`forced`,
+    `yields`). chassis (B, 1): of type `CHASSIS`. clock (B, 4): see `timed`. wheel and pivot: the counts. Others: room.
     """
     n, d, m, size = carried.shape[1], wheels.shape[1], rows.shape[1], state.shape[2]
     q = measured.shape[1]
@@ -274,14 +296,19 @@ def _advance(
         swivelled(castors, robot, pivot, 0.5)
         timed(chassis, clock, robot)
         turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
-        moves_on = duration > 0.0
+        gyro_noise, drift = gyro[robot, 3], gyro[robot, 4]
+        bias, gain, reading = size - 3, size - 2, size - 1
+        counts = False
         for j in range(n):
-            moves_on = moves_on or castors[robot, j].swivel != 0.0
+            counts = counts or castors[robot, j].swivel != 0.0
         for i in range(d):
-            moves_on = moves_on or wheel[robot, rows[robot, i].wheel] != 0.0
+            counts = counts or wheel[robot, rows[robot, i].wheel] != 0.0
+        moves_on = counts or duration > 0.0
         if moves_on:
             repeats(castors, carried, wheels, rows, robot, wheel)
         for f in range(filters.shape[0]):
+            if at > first + m and not duration > 0.0:
+                read_anew(state[robot, f], covariance[robot, f], reading, gyro_noise)
             if not moves_on:
                 for k in range(before.shape[2]):
                     before[robot, f, k] = 0.0
@@ -347,24 +374,22 @@ def _advance(
             moves[0, 0], moves[1, 0], moves[2, 0] = cos, -sin, -0.5 * north
             moves[0, 1], moves[1, 1], moves[2, 1] = sin, cos, 0.5 * east
             moves[2, 2] = 1.0
-            bias, reading = size - 2, size - 1
             if has_gyro:
-                carry[bias, at - 1], carry[reading, at - 1], moves[2, at - 1] = duration, 0.5 * duration, 1.0
+                reads = 1.0 + x[gain]
+                carry[bias, at - 1], carry[gain, at - 1], carry[reading, at - 1] = duration, turn, 0.5 * duration
+                moves[2, at - 1] = reads
             carried_over(p, at, carry, spread)
             if at > first + m:
                 measured[RESIDUAL, q - 1] = measured[SLIPS, q - 1] = 0.0
                 measured[VARIANCE, q - 1] = turn_variance + off_mean * off_mean + LEAST
             if has_gyro:
                 # The mean of two readings; that of the sample's end is new, and is half of the next one.
-                measured[RESIDUAL, q - 1] = turn_read - turn - duration * (x[bias] + 0.5 * x[reading])
-                p[bias, bias] += DRIFT**2 * duration
-                x[reading] = 0.0
-                for s in range(size):
-                    p[reading, s] = p[s, reading] = 0.0
-                noise = gyro[robot, 3] ** 2
-                p[reading, reading] = noise
-                p[reading, at - 1] = p[at - 1, reading] = 0.5 * duration * noise
-                p[at - 1, at - 1] += 0.25 * duration * duration * noise
+                left = turn_read - reads * turn - duration * (x[bias] + 0.5 * x[reading])
+                measured[RESIDUAL, q - 1], measured[SLIPS, q - 1] = left, (UNREAD * duration) ** 2
+                p[bias, bias] += drift * drift * duration
+                read_anew(x, p, reading, gyro_noise)
+                p[reading, at - 1] = p[at - 1, reading] = 0.5 * duration * gyro_noise**2
+                p[at - 1, at - 1] += (0.5 * duration * gyro_noise) ** 2
 
             # Noise of the sample, and what is measured.
             for j in range(n):
@@ -396,13 +421,16 @@ def _advance(
                         measured[RESIDUAL, i] = found[CREEP, i] * (1.0 + x[compliance]) - found[LEFT, i]
                         measured[VARIANCE, i] = LEAST + variance
                         measured[SLIPS, i] = RELEASED**2
+            if not counts:  # the robot stands, and what a gyro reads is its bias
+                for i in range(m):
+                    measured[SLIPS, i] = 0.0
             crept(p, first, rows, robot, filters[f].slip, moves, found, held, bearing)
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
             gates = measured[GATES]
             log_likelihood[robot, f] -= 0.5 * released(
-                p, first, moves, residual, variance, slips, gates, factor, whitened, small
+                p, first, moves, residual, variance, slips, gates, m, factor, whitened, small
             )
-            for i in range(m):
+            for i in range(q):
                 if slips[i] < 0.0:
                     freed[robot, f, i] = -slips[i]
                     if i < d:

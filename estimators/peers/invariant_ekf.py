@@ -27,7 +27,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
 from estimators.steps.castor_odometry import start
-from estimators.steps.gyro import GyroTurns, gyro_of
+from estimators.steps.gyro import GyroTurns, bias_deviation, gyro_of
 from estimators.steps.rolling_equations import EquationsOfSamples, Rows, solve
 
 DECAY = 2.5
@@ -42,8 +42,8 @@ SLIP = 0.02
 WHEELS = 2e-3
 """m/s: standard deviation of the velocity by wheels."""
 
-BIAS, STANDS = 0.02, 5e-3
-"""rad/s: prior standard deviation of the gyro's bias, and that of the yaw rate of a body whose wheels count nothing."""
+STANDS = 5e-3
+"""rad/s: standard deviation of the yaw rate of a body whose wheels count nothing."""
 
 SETTLED = 0.25
 """s that wheels must stand before the body does: between a drive and a turn they may count nothing in a sample."""
@@ -65,32 +65,32 @@ class InvariantEKF:
     def reset(self, robot: RobotDescription, pose: ArrayLike) -> None:
         """Start at `pose` (3,), at rest; raises Declined without a gyro, and if wheels do not determine the motion."""
         geometry, self._start = start(robot, pose)
-        self._noise, self._gyro = gyro_of(robot).noise, GyroTurns()
+        gyro = gyro_of(robot)
+        self._noise, self._gyro = gyro.noise, GyroTurns(gyro, geometry.sample_period)
         rows = Rows.of(geometry)
         self._equations, self._weight = EquationsOfSamples(rows), 1.0 / rows.variances()
-        self._heading, self._bias, self._bias_variance = 0.0, 0.0, BIAS**2
+        self._heading, self._bias, self._bias_variance = 0.0, 0.0, bias_deviation(gyro) ** 2
         self._velocity, self._position, self._slip = np.zeros(2), np.zeros(2), np.zeros(2)  # in the start pose's axes
         self._time: float | None = None
         self._stood = 0.0
         self._covariance = np.zeros((7, 7))
 
     def update(self, observation: Observation) -> Array:
-        """Take one sample, return the pose (3,). Where the gyro is not read, the wheels tell the turn."""
+        """Take one sample, return the pose (3,). Where the gyro was not read at both ends, the wheels tell the turn."""
         equations, read = self._equations.read(observation), self._gyro.read(observation)
         motion = solve(equations, self._weight)
         time = float(observation["time"][0])
         duration, self._time = (0.0 if self._time is None else time - self._time), time
         if duration <= 0:
             return self.pose
-        if read is None:
-            turn, variance = float(motion.turn), 0.0
-        else:
+        turn, variance = float(motion.turn), 0.0
+        if read.known:
             turn = float(read.turn) - self._bias * duration
-            variance = (self._noise * duration) ** 2
+            variance = float(read.variance) + (self._noise * duration) ** 2
         self._propagate(turn, duration, variance)
         self._correct_velocity(se2.rotate_single(motion.displacement / duration, self._heading - turn / 2))
         self._stood = 0.0 if equations.rolled.any() else self._stood + duration
-        if read is not None and self._stood > SETTLED:
+        if read.known and self._stood > SETTLED:
             self._correct_bias(turn / duration)
         return self.pose
 
@@ -138,7 +138,7 @@ class InvariantEKF:
         self._covariance = rest @ self._covariance @ rest.T + WHEELS**2 * gain @ gain.T
 
     def _correct_bias(self, rate: float) -> None:
-        """Update the bias with the gyro's rate, rad/s, less the bias, while the wheels stand."""
+        """Update the bias beyond the robot file's with the gyro's rate, rad/s, less both, while the wheels stand."""
         gain = self._bias_variance / (self._bias_variance + self._noise**2 + STANDS**2)
         self._bias += gain * rate
         self._bias_variance *= 1.0 - gain

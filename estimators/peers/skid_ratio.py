@@ -39,7 +39,11 @@ class SkidRatio:
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (..., 3); raises Declined for bases that are no swerve drives."""
         geometry, self._pose = start(robot, pose)
-        self._modules, self._pivot, self._gyro = Modules(geometry, at=0.5), geometry.pivot, GyroTurns()
+        self._modules, self._pivot, self._gyro = (
+            Modules(geometry, at=0.5),
+            geometry.pivot,
+            GyroTurns(geometry.gyro, geometry.sample_period),
+        )
         self._stands = STANDS * geometry.sample_period
 
     def update(self, observation: Observation) -> Array:
@@ -50,10 +54,11 @@ class SkidRatio:
         kept = self._not_skidding(path, turn)
         displacement, turn = rigid_motion(self._pivot, path, kept)
         read = self._gyro.read(observation)
-        if read is not None:
-            turn = read.turn
+        if read.known.any():
+            turn = np.where(read.known, read.turn, turn)
             parts = rotation_taken_out(self._pivot, path, turn)
-            displacement = np.sum(kept[..., None] * parts, axis=-2) / kept.sum(axis=-1)[..., None]
+            mean = np.sum(kept[..., None] * parts, axis=-2) / kept.sum(axis=-1)[..., None]
+            displacement = np.where(read.known[..., None], mean, displacement)
         self._pose = moved(self._pose, Motion(along_arc(displacement, turn), turn))
         return self._pose.copy()
 

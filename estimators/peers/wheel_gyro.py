@@ -14,7 +14,7 @@ So counts are rounded only at the ends of a window. The wheels' motion is the le
     pose (3)      in the frame of the start pose
     radius (d)    relative to those described
     track (1)     relative
-    bias (1)      of the gyro, rad/s
+    bias (1)      of the gyro beyond the robot file's, rad/s
     first (1)     heading at the start of the window, rad
 """
 
@@ -26,14 +26,11 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
 from estimators.steps.castor_odometry import start
-from estimators.steps.gyro import GyroTurns, gyro_of
+from estimators.steps.gyro import GyroTurns, bias_deviation, gyro_of
 from estimators.steps.rolling_equations import Equations, EquationsOfSamples, Motion, Rows, solve
 
 RADIUS, TRACK = 1e-2, 1e-2
 """Relative: prior standard deviations of radii and track, as of robots that are measured with a ruler."""
-
-BIAS = 0.02
-"""rad/s: prior standard deviation of the gyro's bias, 1 deg/s, as data sheets of cheap ones say."""
 
 SLIP = 5e-4
 """m after 1 m: standard deviation of the random walk of slip, along wheels and across."""
@@ -58,30 +55,36 @@ class WheelGyro:
     def reset(self, robot: RobotDescription, pose: ArrayLike) -> None:
         """Start at `pose` (3,); raises Declined without a gyro, and where wheels do not determine the motion."""
         geometry, self._start = start(robot, pose)
-        self._noise, self._gyro = gyro_of(robot).noise, GyroTurns()
+        gyro = gyro_of(robot)
+        self._described, self._gyro = gyro, GyroTurns(gyro, geometry.sample_period)
         rows = Rows.of(geometry)
         self._equations, self._weight = EquationsOfSamples(rows), 1.0 / rows.variances()
         self._wheels = d = len(rows.wheels)
         self._rounded = np.zeros(len(rows.castor))
         self._rounded[:d] = rows.way_per_count**2 / 6
-        prior = np.array([0.0, 0.0, 0.0, *[RADIUS] * d, TRACK, BIAS, 0.0])
+        prior = np.array([0.0, 0.0, 0.0, *[RADIUS] * d, TRACK, bias_deviation(gyro), 0.0])
         self._numbers, self._bias, self._first = slice(3, 4 + d), 4 + d, 5 + d
         self._state, self._covariance = np.zeros_like(prior), np.diag(prior**2)
         self._turned, self._duration, self._variance = 0.0, 0.0, LEAST  # of the gyro, in this window
 
     def update(self, observation: Observation) -> Array:
-        """Take one sample, return the pose (3,)."""
+        """Take one sample, return the pose (3,). A window ends where the gyro is not read."""
         equations = self._as_learned(self._equations.read(observation))
         motion = solve(equations, self._weight)
         by_numbers, by_errors = self._derivatives(equations, motion.turn)
-        self._move(motion, by_numbers, (by_errors * self._variances(equations)) @ by_errors.T)
+        rounded = float(by_errors[2] ** 2 @ self._rounded)
         read = self._gyro.read(observation)
-        if read is not None:
-            self._turned += float(read.turn)
-            self._duration += float(read.duration)
-            self._variance += float((self._noise * read.duration) ** 2 + read.uneven**2)
-            if self._duration > WINDOW - 1e-9:
-                self._correct(float(by_errors[2] ** 2 @ self._rounded))
+        if not read.known and self._duration > 0:
+            self._correct(rounded)
+        self._move(motion, by_numbers, (by_errors * self._variances(equations)) @ by_errors.T)
+        if not read.known:
+            self._begin()
+            return self.pose
+        self._turned += float(read.turn)
+        self._duration += float(read.duration)
+        self._variance += float((self._described.noise * read.duration) ** 2 + read.variance)
+        if self._duration > WINDOW - 1e-9:
+            self._correct(rounded)
         return self.pose
 
     def _move(self, motion: Motion, by_numbers: Array, spread: Array) -> None:
@@ -109,6 +112,11 @@ class WheelGyro:
         gain = with_row / (row @ with_row + self._variance + rounded)
         state += gain * (self._turned - row @ state)
         covariance -= np.outer(gain, with_row)
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a window."""
+        state, covariance, first = self._state, self._covariance, self._first
         state[first], covariance[first] = state[2], covariance[2]
         covariance[:, first] = covariance[:, 2]
         self._turned, self._duration, self._variance = 0.0, 0.0, LEAST
@@ -127,7 +135,7 @@ class WheelGyro:
     @property
     def gyro_bias(self) -> float:
         """The bias of the gyro as learned so far, rad/s."""
-        return float(self._state[self._bias])
+        return self._described.bias + float(self._state[self._bias])
 
     def _as_learned(self, equations: Equations) -> Equations:
         """Return a sample's equations with the radii and the track learned so far."""

@@ -28,8 +28,8 @@ class WPILibSwerve:
     """``SwerveDriveOdometry`` as it runs: with the modules' angles read last.
 
     When to use: to see what a robot with WPILib reports. First order in the sample period, which is 20 ms or less on
-    FRC robots. A bias of the gyro is not removed: their gyros remove it themselves. Of split castors each is a module
-    whose velocity is that of its pivot.
+    FRC robots. No bias of the gyro is removed but the one that the robot file states: their gyros remove it
+    themselves. Of split castors each is a module whose velocity is that of its pivot.
     """
 
     at = 1.0
@@ -37,7 +37,8 @@ class WPILibSwerve:
     def reset(self, robot: RobotDescription | Geometry, pose: ArrayLike) -> None:
         """Start at `pose` (3,); raises Declined for all but swerves of 2, 3, 4 or 6 modules, and without the wheel."""
         geometry, self._start = start(robot, pose)
-        self._modules, self._gyro = Modules(geometry, self.at), GyroTurns()
+        self._modules = Modules(geometry, self.at)
+        self._gyro = GyroTurns(geometry.gyro, geometry.sample_period)
         self._geometry, kinematics = (_module(f"wpimath.{name}") for name in ("geometry", "kinematics"))
         n = geometry.n_castors
         if not hasattr(kinematics, f"SwerveDrive{n}Kinematics"):
@@ -61,7 +62,7 @@ class WPILibSwerve:
         length, angle = np.hypot(path[:, 0], path[:, 1]), np.arctan2(path[:, 1], path[:, 0])
         read = self._gyro.read(observation)
         wheels = self._kinematics.toTwist2d(self._positions(length, angle)).dtheta
-        self._turned += wheels if read is None else float(read.turn)
+        self._turned += float(read.turn) if read.known else wheels
         self._distance += length
         moved = self._odometry.update(self._geometry.Rotation2d(self._turned), self._positions(self._distance, angle))
         return np.array([moved.X(), moved.Y(), self._start[2] + self._turned])

@@ -21,7 +21,8 @@ robot with n castors, d wheels with encoders and c castors that do not slip to t
     turn (1)         of the sample as the gyro reads it; where there is a gyro
     numbers          beyond those described: radius (d, relative), lateral (d); offset, zero, x and y of pivots (n each)
     compliance (1)   by what part contacts creep more under forces than described
-    bias (1)         of the gyro, rad/s, and the noise of its last reading (1)
+    bias (1)         of the gyro beyond the one described, rad/s; its scale (1), by which part it says that the body
+                     turns too far; and the noise of its last reading (1), rad/s
 
 Of these `sample` measures roll, side and turn; `rounding` says for how long swivel stays what it is.
 
@@ -48,9 +49,9 @@ from castor_envs.vehicles.robot import Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators.filtering.creep import CARRIED, FIXED, OF_CASTOR, ROWS, STEERED, TRAILING, inertias
 from estimators.filtering.fixes import Belief, FixUpdates
-from estimators.filtering.sample import ADVANCE, FILTER, SLIP, SWIVEL, WHEEL
+from estimators.filtering.sample import ADVANCE, DRIFT, FILTER, SLIP, SWIVEL, WHEEL
 from estimators.protocol import Observation
-from estimators.steps.gyro import GyroTurns
+from estimators.steps.gyro import GyroTurns, bias_deviation
 from estimators.steps.rolling_equations import NUMBERS, Rows
 from estimators.steps.stacked import Part, Stack
 
@@ -79,12 +80,11 @@ GATE = 3.0
 """Standard deviations of a measurement's residual beside all others beyond which it is released. Of normal residuals
 one in 370 is."""
 
-BIAS = 0.02
-"""rad/s: prior standard deviation of a gyro's bias, which no description tells: 1 deg/s, as data sheets of cheap ones
-say."""
-
 START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED, _, _, CLOCK = range(4, 14)
 """Of the stack's parts."""
+
+OF_GYRO = [-3, -2, -1]
+"""Where bias, scale and noise of the last reading stand in the state of a robot with a gyro."""
 
 
 class _Numbers(NamedTuple):
@@ -127,7 +127,7 @@ class CalibratingFilter:
         n, d, m, gyro = len(rows.known), len(rows.wheels), len(rows.castor), int(geometry.gyro is not None)
         at = SWIVEL + n + m + gyro
         self._rows, self._at = rows, _Numbers.of(at, n, d)
-        size = self._at.y.stop + 1 + 2 * gyro
+        size = self._at.y.stop + 1 + len(OF_GYRO) * gyro
 
         carried = np.zeros(castors.shape, CARRIED)
         encoded = np.nan_to_num(2 * np.pi / geometry.pivot_counts_per_rev[rows.known])
@@ -162,7 +162,8 @@ class CalibratingFilter:
             variance[..., k, self._at.x] = variance[..., k, self._at.y] = errors.pivot**2
         variance[..., self._at.y.stop] = COMPLIANCE**2
         if geometry.gyro is not None:
-            variance[..., -2], variance[..., -1] = BIAS**2, geometry.gyro.noise**2
+            sensor = geometry.gyro
+            variance[..., OF_GYRO] = np.square([bias_deviation(sensor), sensor.scale_tolerance, sensor.noise])
         known = variance[..., None] * np.eye(size)
         if covariance is not None:
             turn = se2.rotation(-start[..., 2])
@@ -175,19 +176,20 @@ class CalibratingFilter:
         clock = np.multiply.outer(geometry.sample_period, np.array([-np.inf, -np.inf, 1.0, 1.0]))
         parts = [
             *map(Part, (castors, carried, wheels, equations, start, start)),
-            *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(4))),
+            *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(5))),
             *(Part(np.zeros((len(bank), of)), 2) for of in (q, 3 + 2 * n + d)),
             *(Part(chassis[..., None]), Part(clock)),
         ]
         room = [(1, m, NUMBERS), (ROWS, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
         room += [(OF_CASTOR, n), (4, 3)]
         self._stack = Stack(ADVANCE, geometry, parts, (filters, *map(np.zeros, room), UNEVEN, GATE))
-        self._gyro, self._turns = geometry.gyro, GyroTurns()
+        self._gyro, self._turns = geometry.gyro, GyroTurns(geometry.gyro, geometry.sample_period)
         self._fixes = None if geometry.fixes is None else FixUpdates(geometry.fixes, start)
 
     def update(self, observation: Observation) -> Array:
         """Take one sample, return the pose (..., 3); raises InputError where it has another number of counts."""
-        if "time" in observation and np.ndim(observation["time"]) <= 1 + len(self._stack.shape):  # else it grows first
+        self._stack.fit(observation)
+        if "time" in observation:
             self._stack.parts[CLOCK][..., 0] = observation["time"][..., 0]
         if self._gyro is not None:
             self._read_gyro(self._gyro, observation)
@@ -203,13 +205,10 @@ class CalibratingFilter:
         return self.pose
 
     def _read_gyro(self, gyro: Gyro, observation: Observation) -> None:
-        """Take by how much the body turns as a gyro says, rad, the variance of that, and how long the sample is, s."""
+        """Take what a gyro says of the body's turn in this sample."""
         read, told = self._turns.read(observation), self._stack.parts[GYRO]
-        if read is None:
-            told[...] = 0.0
-        else:
-            told[..., 0], told[..., 2] = read.turn, read.duration
-            told[..., 1], told[..., 3] = read.uneven**2, gyro.noise
+        told[..., 0], told[..., 1], told[..., 2] = read.turn, read.variance, read.duration
+        told[..., 3], told[..., 4] = gyro.noise, gyro.bias_walk or DRIFT
 
     @property
     def pose(self) -> Array:
@@ -258,7 +257,13 @@ class CalibratingFilter:
     @property
     def gyro_bias(self) -> Array:
         """The bias (...) of the gyro as learned so far, rad/s."""
-        return np.sum(self._probabilities * self._stack.parts[STATE][..., -2], axis=-1)
+        described = 0.0 if self._gyro is None else self._gyro.bias
+        return described + np.sum(self._probabilities * self._stack.parts[STATE][..., OF_GYRO[0]], axis=-1)
+
+    @property
+    def gyro_scale(self) -> Array:
+        """By which part (...) the gyro says that the body turns too far, as learned so far."""
+        return np.sum(self._probabilities * self._stack.parts[STATE][..., OF_GYRO[1]], axis=-1)
 
     @property
     def covariance(self) -> Array:

@@ -59,13 +59,15 @@ class Stack:
 
     def advance(self, observation: Observation) -> None:
         """Take one sample; raises InputError where it has another number of counts."""
-        wheel, pivot = observation["wheel"], observation["pivot"] if self._counts[1] else self._pivot
-        if wheel.shape != self._wheel.shape or pivot.shape != self._pivot.shape:
-            self._fit(wheel, pivot)
-        self._wheel[...], self._pivot[...] = wheel, pivot
+        self.fit(observation)
+        self._wheel[...], self._pivot[...] = self._counted(observation)
         self._run()
 
-    def _fit(self, wheel: NDArray[Any], pivot: NDArray[Any]) -> None:
+    def fit(self, observation: Observation) -> None:
+        """Grow where a sample is of more robots; raises InputError where it has another number of counts."""
+        wheel, pivot = self._counted(observation)
+        if wheel.shape == self._wheel.shape and pivot.shape == self._pivot.shape:
+            return
         if wheel.shape[-1] != self._wheel.shape[-1] or pivot.shape[-1] != self._pivot.shape[-1]:
             raise InputError(
                 f"the observation has {wheel.shape[-1]} counts of wheels and {pivot.shape[-1]} of pivots; this robot "
@@ -74,3 +76,6 @@ class Stack:
         shape = np.broadcast_shapes(self.shape, wheel.shape[:-1], pivot.shape[:-1])
         if shape != self.shape:
             self._lay_out(shape, self.parts)
+
+    def _counted(self, observation: Observation) -> tuple[NDArray[Any], NDArray[Any]]:
+        return observation["wheel"], observation["pivot"] if self._counts[1] else self._pivot

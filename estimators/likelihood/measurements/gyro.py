@@ -22,9 +22,7 @@ from castor_envs.vehicles.robot import Gyro
 from estimators.likelihood.elimination import Prior, Rows
 from estimators.likelihood.reduction import Leftover
 from estimators.likelihood.rolling import GAP
-
-BIAS = 0.1
-"""rad/s: prior standard deviation of a bias of which the robot file says nothing: several times that of cheap gyros."""
+from estimators.steps.gyro import bias_deviation
 
 LATENCY = 0.05
 """s: prior standard deviation of how late a gyro is read: filters of gyros delay by a few milliseconds to as much."""
@@ -69,9 +67,8 @@ class GyroRates:
         walked = np.clip((middle[:, None] - pieces[:-1]) / np.diff(pieces), 0.0, 1.0)
         within = layout.gyro.bias_walk * np.diff(pieces) if len(pieces) > 1 else np.zeros(1)
         self._columns = np.column_stack([np.ones(len(steps)), walked, -changes])
-        bias = BIAS if layout.gyro.bias_tolerance is None else layout.gyro.bias_tolerance
         walks = layout.gyro.bias_walk * np.sqrt(np.diff(pieces))
-        deviation = np.array([max(bias, 1e-9), *walks.tolist(), LATENCY])
+        deviation = np.array([max(bias_deviation(layout.gyro), 1e-9), *walks.tolist(), LATENCY])
         self._prior = Prior(np.zeros(len(deviation)), deviation)
         # the turn within a piece strays from a line's by as much as white noise of this size would make it
         kinks, strays = _kinks(log.gyro, layout.gyro.noise)[steps], float(within.max()) / np.sqrt(12 * self._duration)

@@ -60,22 +60,22 @@ def gyro_against_wheels(robot: RobotDescription, log: Log) -> GyroCheck | None:
     if log.gyro is None:
         return None
     try:
-        gyro, wheels, time = _turns(robot, log)
+        gyro, wheels, time = _turns(robot, log)  # of the gyro less the file's bias
     except Declined:
         return None
     if np.abs(wheels).sum() < LEAST_TURN or len(time) < 3:
         return None
-    bias = 0.0 if robot.gyro is None else robot.gyro.bias
     rate = (wheels @ time) / (time @ time)
     if np.abs(wheels - rate * time).sum() < LEAST_TURN:
-        scale = float(wheels @ (gyro - bias * time) / (wheels @ wheels))
+        scale, bias = float(wheels @ gyro / (wheels @ wheels)), 0.0
     else:
         scale, bias = np.linalg.lstsq(np.column_stack([wheels, time]), gyro, rcond=None)[0].tolist()
     left = gyro - scale * wheels - bias * time
     about_bias = gyro - bias * time
     follows = 1.0 - float(left @ left) / max(float(about_bias @ about_bias), 1e-300)
     verdict = _verdict(scale, follows)
-    return GyroCheck(scale, bias, follows, verdict, verdict in _MISTAKES)
+    described = 0.0 if robot.gyro is None else robot.gyro.bias
+    return GyroCheck(scale, described + bias, follows, verdict, verdict in _MISTAKES)
 
 
 def _verdict(scale: float, follows: float) -> str:
@@ -89,13 +89,20 @@ def _verdict(scale: float, follows: float) -> str:
 
 
 def _turns(robot: RobotDescription, log: Log) -> tuple[Array, Array, Array]:
-    """Return the turns (W,), rad, by gyro and wheels, and the time (W,), s, of each window."""
-    odometry, by_gyro = WheelOdometry(), GyroTurns()
+    """Return the turns (W,), rad, by gyro and wheels, and the time (W,), s, of each window: of those of its samples in
+    which the gyro was read."""
+    odometry, by_gyro = WheelOdometry(), GyroTurns(robot.gyro, robot.sample_period)
     odometry.reset(robot.as_built(), np.zeros(3))
-    heading, turned = [], []
+    heading, read = [], []
     for observation in log.observations():
         heading.append(float(odometry.update(observation)[2]))
-        read = by_gyro.read(observation)
-        turned.append(0.0 if read is None else float(read.turn))
+        read.append(by_gyro.read(observation))
+    known = np.array([bool(sample.known) for sample in read])
+    samples = (
+        np.array([float(sample.turn) for sample in read]),
+        known * np.diff(heading, prepend=heading[0]),
+        np.array([float(sample.duration) for sample in read]),
+    )
     edges = np.unique(np.searchsorted(log.t, np.arange(log.t[0], log.t[-1], WINDOW)))
-    return np.diff(np.cumsum(turned)[edges]), np.diff(np.array(heading)[edges]), np.diff(log.t[edges])
+    gyro, wheels, time = (np.diff(np.cumsum(of)[edges]) for of in samples)
+    return gyro[time > 0], wheels[time > 0], time[time > 0]

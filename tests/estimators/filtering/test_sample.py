@@ -34,12 +34,12 @@ def test_a_start_that_is_not_exact_stays_so(exact_motion, winding):
     np.testing.assert_allclose(told.covariance - exact.covariance, carried @ of_start @ carried.T, rtol=2e-3)
 
 
-def test_a_heading_by_a_gyro_is_off_by_the_noise_of_all_readings(monkeypatch):
+def test_a_heading_by_a_gyro_is_off_by_the_noise_of_all_readings():
     """The trapezoid rule takes both end readings by half and all others whole. Wheels of which nothing is known tell
     nothing of the turn."""
-    monkeypatch.setattr(calibrating_filter, "BIAS", 1e-9)
     noise, samples, standard = 0.02, 100, preset("differential")
-    told = dataclasses.replace(standard, gyro=Gyro(noise=noise), tolerances=Tolerances(radius=0.3, lateral=0.3))
+    gyro = Gyro(noise=noise, bias_tolerance=0.0)
+    told = dataclasses.replace(standard, gyro=gyro, tolerances=Tolerances(radius=0.3, lateral=0.3))
     estimator = CalibratingFilter()
     estimator.reset(told, np.zeros(3))
     for k in range(samples + 1):

@@ -12,9 +12,9 @@ from castor_envs.vehicles.robot import Gyro
 from estimators import WheelOdometry, load_estimator
 from estimators.peers import invariant_ekf
 from estimators.peers.invariant_ekf import InvariantEKF
-from estimators.peers.wheel_gyro import BIAS, RADIUS, TRACK, WheelGyro
+from estimators.peers.wheel_gyro import RADIUS, TRACK, WheelGyro
 from estimators.plugins.conformance.check import check
-from estimators.steps.gyro import GyroTurns
+from estimators.steps.gyro import BIAS, GyroTurns
 
 NAMES = ("invariant-ekf", "wheel-gyro")
 
@@ -64,13 +64,13 @@ def test_robots_whose_motion_is_undetermined_are_declined(name):
 
 
 def test_a_trapezoid_integrates_a_rate_that_changes_evenly():
-    turns, total = GyroTurns(), 0.0
+    turns, total = GyroTurns(None, 0.1), 0.0
     for k in range(11):
         read = turns.read({"time": np.array([0.1 * k]), "gyro": np.array([0.3 * k])})
-        assert read is not None
+        assert read.known == (k > 0)
         total += float(read.turn)
     assert total == pytest.approx(0.5 * 3.0 * 1.0**2)
-    assert turns.read({"time": np.array([1.1])}) is None
+    assert not turns.read({"time": np.array([1.1])}).known
 
 
 @pytest.mark.parametrize("name", ["differential", "swerve", "tricycle"])
@@ -146,7 +146,7 @@ def test_without_slip_the_invariant_filter_steps_by_wheels_along_the_gyro(name, 
     """Exact on circles at any period then, though its velocity is taken to be constant."""
     monkeypatch.setattr(invariant_ekf, "SLIP", 0.0)
     monkeypatch.setattr(invariant_ekf, "WHEELS", 1e-8)
-    robot, (v, omega) = with_gyro(preset(name)), (0.4, 0.6)
+    robot, (v, omega) = dataclasses.replace(with_gyro(preset(name)), sample_period=0.3), (0.4, 0.6)
     theta = [0.0 if c.steering == "fixed" else np.angle(v + 1j * omega * complex(*c.pivot)) for c in robot.castors]
     motion = exact_motion(robot, lambda t: (v, 0.0, omega), 6.0, theta=theta, pose=(1.0, 1.0, 1.0))
     true, observations = motion.sampled(20)
@@ -187,6 +187,59 @@ def test_without_readings_of_the_gyro_the_wheels_tell_the_turn(exact_motion, dri
     by_wheels = drive(WheelOdometry(), robot, observations)[:, 2]
     np.testing.assert_allclose(drive(WheelGyro(), robot, observations)[:, 2], by_wheels, atol=1e-9)
     np.testing.assert_allclose(drive(InvariantEKF(), robot, observations)[:, 2], by_wheels, atol=1e-3)
+
+
+USERS = ("filter", "skid-ratio", "wpilib-swerve", *NAMES)
+"""All that read a gyro."""
+
+
+def made(name):
+    if name.startswith("wpilib"):
+        pytest.importorskip("wpimath")
+    return load_estimator(name).factory()
+
+
+def winding_swerve(exact_motion, **gyro):
+    """A swerve with a gyro, its true poses and observations, in which the gyro reads what it should."""
+    robot = with_gyro(preset("swerve"), **gyro)
+    motion = exact_motion(robot, lambda t: (0.5, 0.2 * np.cos(0.9 * t), 0.3 * np.sin(1.1 * t)), 4.0)
+    true, observations = motion.sampled(80)
+    rate = np.array([0.3 * np.sin(1.1 * seen["time"][0]) for seen in observations])
+    return robot, true, observations, rate
+
+
+@pytest.mark.parametrize("name", USERS)
+def test_a_bias_that_the_file_states_changes_nothing(name, exact_motion, drive):
+    robot, _, observations, rate = winding_swerve(exact_motion, noise=1e-3)
+    told = with_gyro(robot, noise=1e-3, bias=0.4)
+    plain = drive(made(name), robot, read_by_gyro(observations, rate))
+    biased = drive(made(name), told, read_by_gyro(observations, rate, bias=0.4))
+    np.testing.assert_allclose(biased, plain, atol=1e-9)
+
+
+@pytest.mark.parametrize("name", USERS)
+def test_where_the_gyro_is_not_read_no_turn_is_lost_or_counted_twice(name, exact_motion, drive):
+    """Wheels roll without slip, so that either tells the turn; 20 samples are missing, and one. Readings that are not
+    finite are none."""
+    robot, true, observations, rate = winding_swerve(exact_motion, noise=1e-3)
+    seen = read_by_gyro(observations, rate)
+    missing = [20 <= k < 40 or k == 60 for k in range(len(seen))]
+    blank = [{**one, "gyro": np.full(1, np.nan)} if no else one for one, no in zip(seen, missing, strict=True)]
+    gone = [observations[k] if no else seen[k] for k, no in enumerate(missing)]
+    path = drive(made(name), robot, blank)
+    np.testing.assert_array_equal(drive(made(name), robot, gone), path)
+    whole = np.abs(drive(made(name), robot, seen) - true).max(axis=0)
+    assert (np.abs(path - true).max(axis=0) < whole + np.array([2e-3, 2e-3, 1e-3])).all()
+
+
+def test_a_missing_reading_ends_a_window_of_the_filter(exact_motion, drive):
+    """Every 0.5 s: what is read between is used all the same, and teaches the bias."""
+    robot = with_gyro(differential(), noise=1e-4)
+    _, seen = sampled(exact_motion(robot, bends, 60.0), 1200, bends, bias=0.01)
+    blank = [{**one, "gyro": np.full(1, np.nan)} if k % 10 == 0 else one for k, one in enumerate(seen)]
+    estimator = WheelGyro()
+    drive(estimator, robot, blank)
+    assert estimator.gyro_bias == pytest.approx(0.01, abs=2e-3)
 
 
 @pytest.mark.parametrize("name", NAMES)

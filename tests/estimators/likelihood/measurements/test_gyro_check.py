@@ -77,3 +77,15 @@ def test_nothing_is_said_without_a_gyro_or_without_turning(driven):
     assert gyro_against_wheels(ROBOT, dataclasses.replace(driven, gyro=None)) is None
     assert gyro_against_wheels(ROBOT, log_of(straight(ROBOT))) is None
     assert inspect_log(ROBOT, dataclasses.replace(driven, gyro=None))["gyro"] is None
+
+
+def test_readings_that_are_missing_say_nothing(driven):
+    """Of a gyro with the bias that the file states, in half of the drive and beside a single sample."""
+    robot = dataclasses.replace(ROBOT, gyro=Gyro(bias=0.05))
+    missing = (np.arange(len(driven)) % 2 == 0) & (driven.t < 3.0) | (driven.t > 9.0)
+    log = dataclasses.replace(driven, gyro=np.where(missing, np.nan, driven.gyro + 0.05))
+    found = gyro_against_wheels(robot, log)
+    assert found is not None
+    assert found.scale == pytest.approx(1.0, rel=0.02)
+    assert found.bias == pytest.approx(0.05, abs=0.01)
+    assert found.verdict == "agrees with the wheels"
