@@ -74,7 +74,7 @@ def test_a_gyro_that_contradicts_all_wheels_is_released(name, fault):
     assert off[1] < turn + 1e-3
     assert normalised(estimator, drive) < 12.8  # 1 in 200
     assert released[:, -1].mean() > 0.03
-    assert released[:, :-1].mean() < 1e-3
+    assert released[:, :-1].mean() < 0.01  # where the gyro contradicts by little, a wheel may be taken for it
 
 
 @pytest.mark.parametrize("too_far", [-0.02, 0.01, 0.02])
