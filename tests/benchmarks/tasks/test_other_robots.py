@@ -20,7 +20,7 @@ from benchmarks.tasks.task import odometry_of
 from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import preset
-from castor_envs.vehicles.robot import Gyro
+from castor_envs.vehicles.robot import Gyro, RobotDescription
 
 
 def task_on(spec, name):
@@ -60,7 +60,11 @@ def test_estimators_are_not_told_the_bias_of_a_gyro(tmp_path, tolerance):
     told = []
     for case in range(3):
         episode = task.record(case)
-        assert episode.runs[0].log.gyro[:10].mean() == pytest.approx(0.05, abs=5e-3)
+        readings = episode.runs[0].log.gyro
+        assert readings is not None
+        assert readings[:10].mean() == pytest.approx(0.05, abs=5e-3)
+        assert isinstance(episode.robot, RobotDescription)
+        assert episode.robot.gyro is not None
         told.append(episode.robot.gyro.bias)
     if tolerance is None:
         assert told == [0.0] * 3
