@@ -71,7 +71,7 @@ def test_a_gyro_that_contradicts_all_wheels_is_released(name, fault):
     way, turn = farthest(without, drive)
     off = farthest(poses, drive)
     assert off[0] < way + 1e-3
-    assert off[1] < turn + 1e-3
+    assert off[1] < turn + 2e-3
     assert normalised(estimator, drive) < 12.8  # 1 in 200
     assert released[:, -1].mean() > 0.03
     assert released[:, :-1].mean() < 0.01  # where the gyro contradicts by little, a wheel may be taken for it
