@@ -375,16 +375,15 @@ def _advance(
             moves[0, 1], moves[1, 1], moves[2, 1] = sin, cos, 0.5 * east
             moves[2, 2] = 1.0
             if has_gyro:
-                reads = 1.0 + x[gain]
                 carry[bias, at - 1], carry[gain, at - 1], carry[reading, at - 1] = duration, turn, 0.5 * duration
-                moves[2, at - 1] = reads
+                moves[2, at - 1] = 1.0 + x[gain]
             carried_over(p, at, carry, spread)
             if at > first + m:
                 measured[RESIDUAL, q - 1] = measured[SLIPS, q - 1] = 0.0
                 measured[VARIANCE, q - 1] = turn_variance + off_mean * off_mean + LEAST
             if has_gyro:
                 # The mean of two readings; that of the sample's end is new, and is half of the next one.
-                left = turn_read - reads * turn - duration * (x[bias] + 0.5 * x[reading])
+                left = turn_read - (1.0 + x[gain]) * turn - duration * (x[bias] + 0.5 * x[reading])
                 measured[RESIDUAL, q - 1], measured[SLIPS, q - 1] = left, (UNREAD * duration) ** 2
                 p[bias, bias] += drift * drift * duration
                 read_anew(x, p, reading, gyro_noise)
