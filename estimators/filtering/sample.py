@@ -31,7 +31,19 @@ from estimators.filtering.creep import (
 from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
 from estimators.filtering.rounding import kept, repeats
 from estimators.steps.castor_odometry import displace, sinc
-from estimators.steps.rolling_equations import CASTOR, G_X, G_Y, LEVER, ROW, SINGULAR, bent, equation, solved, swivelled
+from estimators.steps.rolling_equations import (
+    CASTOR,
+    G_X,
+    G_Y,
+    LEVER,
+    ROW,
+    SINGULAR,
+    bent,
+    equation,
+    solved,
+    swivelled,
+    went,
+)
 
 SLIP = 5e-4
 """m after 1 m: standard deviation of the random walk of a wheel's creep."""
@@ -133,7 +145,7 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
             carry[radius + i, at_row], carry[lateral + i, at_row] = -way * left, -turned
             carry[offset + j, at_row] = -row.roller * turned
         else:
-            left -= bent(equations, 0, i, along, across, a)
+            left -= bent(equations, 0, i, along, across, a, turn)
             carry[offset + j, at_row] = -turned
         found[LEFT, i] = left
     return along, across, turn
@@ -322,10 +334,12 @@ def _advance(
                     carry[s, r] = 0.0
                 for k in range(3):
                     moves[k, s] = 0.0
+            last = before[robot, f]
+            went(castors, robot, last[0], last[1], last[2])
             along, across, turn = linearised(
                 castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves
             )
-            last, motion_of = before[robot, f], (along, across, turn)
+            motion_of = along, across, turn
             yields(carried, wheels, rows, robot, wheel, chassis, last, found)
             forced(castors, carried, chassis, rows, robot, *motion_of, last, first, moves, found, held, bearing)
             if creeps:

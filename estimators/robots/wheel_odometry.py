@@ -15,7 +15,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import RobotDescription
 from estimators.protocol import Observation
 from estimators.steps.castor_odometry import displace
-from estimators.steps.rolling_equations import CASTOR, NUMBERS, ROW, Rows, set_up, solved, swivelled
+from estimators.steps.rolling_equations import CASTOR, NUMBERS, ROW, Rows, set_up, solved, swivelled, went
 from estimators.steps.stacked import Part, Stack
 
 
@@ -30,6 +30,8 @@ def _advance(castors, rows, pose, wheel, pivot, equations, at, arc):
         swivelled(castors, robot, pivot, at)
         set_up(castors, rows, robot, wheel, equations, 0, arc)
         x, y, turn = solved(equations, 0, arc)
+        if arc:
+            went(castors, robot, x, y, turn)
         pose[robot, 2] += 0.5 * turn
         displace(pose, robot, x, y, 0.5 * turn)
 

@@ -12,13 +12,22 @@ and n the castor's rolling direction half-way and its left:
     rolling        g = e + tan(roller angle) n    h = lateral + tan(roller angle) offset    rolled = radius d_phi
     no side slip   g = n                          h = offset                                rolled = 0
 
-A castor that the floor turns does not turn evenly where the body does: its axle follows a tractrix. Its no side slip
-is then off by d_theta w^2 / (12 offset), with w the way of its pivot in the sample, which is added to the right side
-(`bent`); an error of the fifth order of the sample is left.
+A castor that the floor turns does not turn as evenly as its pivot runs on a circle: its axle follows a tractrix,
+h theta' = v sin(phi - theta) with v and phi the speed and direction of its pivot, both angles in N. On a circle that
+has a closed form (it is a Riccati equation for the tangent of half the angle between castor and direction). With d_phi
+the turn of the pivot's direction against the body and w the way of the pivot, no side slip is then off by
 
-Straight steps have cosines and sinc 1, angles for their sines, and no tractrix. The arithmetic is for one robot at a
-time and is compiled (`castor_envs.kernels`); `EquationsOfSamples` and `solve` are for single steps of robots or stacks
-of robots.
+    2 h sin((d_theta - d_phi) / 2) (sinc(d) r coth(r) - cos(d))    d = (d_psi + d_phi) / 2    r^2 = (w / 2 h)^2 - d^2
+
+which is added to the right side (`bent`): w^2 (d_theta - d_phi) / (12 h) in short samples, never more than w + 4 h. A
+castor that has settled behind a turning direction turns as that does, and is not off. d_phi is the angle between the
+pivot's ways in this sample and the one before, which leaves an error of the fourth order of the sample. Where both ways
+are not of a length, as at a start, or where there is a corner, nothing tells it: the castor is taken to swing in behind
+a straight way, and the less so the longer that is: of a way of several offsets it has settled.
+
+Straight steps have cosines and sinc 1, angles for their sines, and no tractrix; a motion that cannot be found otherwise
+(`LOST`) is one, too. The arithmetic is for one robot at a time and is compiled (`castor_envs.kernels`);
+`EquationsOfSamples` and `solve` are for single steps of robots or stacks of robots.
 """
 
 import math
@@ -47,14 +56,26 @@ TURNS, SWIVEL = 4, 1.0
 dimensions grow on the way, those of wheels' rounded counts do not, and those of pivots' counts average out."""
 
 REFINEMENTS = 6
-"""Times that the right sides are computed anew from the turn found, at most: where the body turns by half a radian in a
-sample, which is more than any does, an error of 1e-10 is left."""
+"""Times that the right sides are computed anew from the motion found, at most: where the body turns by half a radian in
+a sample, which is more than any does, an error of 1e-10 is left."""
 
 SETTLED = 1e-14
-"""rad: where the turn found changes by less, the right sides are not computed anew."""
+"""rad and m: where the motion found changes by less, the right sides are not computed anew."""
+
+LOST = 0.05
+"""rad, and m in a metre: a motion that still changes by more when it was refined for the last time is none, as of a
+sample so long that the body turned round in it. The step is then taken as straight."""
 
 SINGULAR = 1e-12
 """Of the normal matrix's trace: below it a motion counts as undetermined, and is taken as small."""
+
+ALIKE = 4.0
+"""Ratio of the squares of a pivot's ways in two samples up to which they tell how its direction turns: a robot that
+accelerates evenly rolls three times as far in its second sample as in the first, and then less than twice."""
+
+CORNER = 0.5
+"""rad in a sample: a direction that turns by more did so at once, between samples. Of 50 ms it is 10 rad/s, at which a
+robot of 0.25 m/s needs a quarter of its weight to its side."""
 
 RANK = 1e-6
 """Singular values of all equations below this are 0: rows are numbers near 1 and lengths in m."""
@@ -77,6 +98,9 @@ CASTOR = np.dtype(
         ("half_way", float),
         ("cos", float),
         ("sin", float),
+        # the way of its pivot in the sample before, in the body's axes half-way, m (`went`); 0 before the first
+        ("way_x", float),
+        ("way_y", float),
     ],
     align=True,
 )
@@ -90,17 +114,17 @@ ROW = np.dtype(
         ("way_per_count", float),
         ("roller", float),
         ("arm", float),
-        # 1 / (12 offset), 1/m, of no side slip of a castor that the floor turns, 0 of others
+        # 1 / (2 offset), 1/m, of no side slip of a castor that the floor turns, 0 of others
         ("bend", float),
         ("contacts", float),
         ("weight", float),
     ],
     align=True,
 )
-NUMBERS = 10
-G_X, G_Y, LEVER, ROLLED, SWUNG, SWIVELLED, WEIGHT, BEND, X, Y = range(NUMBERS)
+NUMBERS = 12
+G_X, G_Y, LEVER, ROLLED, SWUNG, SWIVELLED, WEIGHT, BEND, X, Y, WAY_X, WAY_Y = range(NUMBERS)
 """Numbers of an equation, as kernels hold them: the row for (t_x, t_y, a); for the right side rolled, 2 h sin(d_theta /
-2) and d_theta; the weight."""
+2) and d_theta; the weight; `bend`; its pivot, and the pivot's way in the sample before."""
 
 
 def swivelled(castors, robot, pivot, at):
@@ -136,8 +160,9 @@ def equation(equations, k, i, castor, row, x, y, arm, rolled, arc):
     equations[k, i, LEVER] = x * g_y - y * g_x - arm * across
     equations[k, i, ROLLED], equations[k, i, SWUNG] = rolled, arm * along
     equations[k, i, SWIVELLED], equations[k, i, WEIGHT] = castor.swivel, row.weight
-    equations[k, i, BEND] = row.bend * castor.swivel if arc else 0.0
+    equations[k, i, BEND] = row.bend if arc else 0.0
     equations[k, i, X], equations[k, i, Y] = x, y
+    equations[k, i, WAY_X], equations[k, i, WAY_Y] = castor.way_x, castor.way_y
 
 
 def set_up(castors, rows, robot, wheel, equations, k, arc):
@@ -176,19 +201,25 @@ def solved(equations, k, arc):
     yy += least - l_y * xy
     l_ay = (ya - l_a * xy) / yy
     aa += least - l_a * xa - l_ay * l_ay * yy
-    x, y, a, turn = 0.0, 0.0, 0.0, 0.0
-    for _ in range(REFINEMENTS):
+    x, y, a, turn, change = 0.0, 0.0, 0.0, 0.0, 0.0
+    for refined in range(REFINEMENTS + 1):
+        if refined == REFINEMENTS:
+            if change < LOST * (1.0 + abs(x) + abs(y)):
+                break
+            arc = 0  # there is none
         across = math.cos(0.5 * turn) if arc else 1.0
         r_x, r_y, r_a = across * swung_x, across * swung_y, across * swung_a
         chord, of_swivel = 1.0, math.nan
         for i in range(m):
             if equations[k, i, ROLLED] != 0.0:
                 swivel = equations[k, i, SWIVELLED]
-                if arc and swivel != of_swivel:
+                if not arc:
+                    chord = 1.0
+                elif swivel != of_swivel:
                     chord, of_swivel = sinc(0.5 * (turn + swivel)), swivel
                 way = equations[k, i, WEIGHT] * chord * equations[k, i, ROLLED]
-            elif equations[k, i, BEND] != 0.0:
-                way = equations[k, i, WEIGHT] * bent(equations, k, i, x, y, a)
+            elif arc and equations[k, i, BEND] != 0.0:
+                way = equations[k, i, WEIGHT] * bent(equations, k, i, x, y, a, turn)
             else:
                 continue
             r_x += equations[k, i, G_X] * way
@@ -196,19 +227,50 @@ def solved(equations, k, arc):
             r_a += equations[k, i, LEVER] * way
         r_y -= l_y * r_x
         r_a -= l_a * r_x + l_ay * r_y
-        a = r_a / aa
+        a, x_before, y_before = r_a / aa, x, y
         y = r_y / yy - l_ay * a
         x = r_x / xx - l_y * y - l_a * a
         before, turn = turn, 2.0 * math.asin(min(max(0.5 * a, -1.0), 1.0)) if arc else a
-        if abs(turn - before) < SETTLED or not arc:
+        change = abs(turn - before) + abs(x - x_before) + abs(y - y_before)
+        if change < SETTLED or not arc:
             break
     return x, y, turn
 
 
-def bent(equations, k, i, x, y, a):
-    """Return by how much no side slip of a castor, equation i of robot k, is off for a motion x, y, a, m: see above."""
+def bent(equations, k, i, x, y, a, turn):
+    """Return by how much no side slip of a castor, equation i of robot k, is off for a motion x, y, a, m, and its turn,
+    rad: see above."""
+    bend, swivel = equations[k, i, BEND], equations[k, i, SWIVELLED]
     way_x, way_y = x - equations[k, i, Y] * a, y + equations[k, i, X] * a
-    return (way_x * way_x + way_y * way_y) * equations[k, i, BEND]
+    square = way_x * way_x + way_y * way_y
+    if bend == 0.0 or square == 0.0:
+        return 0.0
+    before_x, before_y = equations[k, i, WAY_X], equations[k, i, WAY_Y]
+    before, veered = before_x * before_x + before_y * before_y, math.inf
+    if square < ALIKE * before and before < ALIKE * square:
+        veered = math.atan2(before_x * way_y - before_y * way_x, before_x * way_x + before_y * way_y)
+    if abs(veered) > CORNER:
+        veered = swivel * (1.0 - math.exp(-bend * bend * square))
+    half = 0.5 * (turn + veered)
+    chord = sinc(half)
+    ratio = coth_times(square * bend * bend / (chord * chord) - half * half)
+    return math.sin(0.5 * (swivel - veered)) / bend * (chord * ratio - math.cos(half))
+
+
+def coth_times(square):
+    """Return r coth(r) by the square of r, which may be negative; within 0.04 by its series, to 1e-10."""
+    if abs(square) < 0.04:
+        return 1.0 + square / 3.0 * (1.0 - square / 15.0 * (1.0 - square * (2.0 / 21.0) * (1.0 - square / 10.0)))
+    root = math.sqrt(abs(square))
+    return root / math.tanh(root) if square > 0.0 else root / math.tan(root)
+
+
+def went(castors, robot, x, y, turn):
+    """Keep the ways of pivots of castors (B, n) of a robot in a motion x, y, m, and turn, rad, for the next sample."""
+    a = 2.0 * math.sin(0.5 * turn)
+    for i in range(castors.shape[1]):
+        castor = castors[robot, i]
+        castor.way_x, castor.way_y = x - castor.y * a, y + castor.x * a
 
 
 def _read(castors, rows, equations, wheel, pivot):
@@ -312,7 +374,7 @@ class Rows(NamedTuple):
         rows["arm"][..., :d] = geometry.lateral[..., self.wheels] + roller * rows["arm"][..., :d]
         of_side = self.castors
         turned = np.where(geometry.driven | geometry.fixed, np.nan, geometry.trail)[..., of_side]
-        rows["bend"][..., d:] = np.nan_to_num(1 / (12 * turned))
+        rows["bend"][..., d:] = np.nan_to_num(1 / (2 * turned))
         rows["contacts"], rows["weight"] = self.contacts, weight
         return castors, rows
 

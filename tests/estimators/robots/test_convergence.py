@@ -58,7 +58,6 @@ def _motion_of(motions, odd_robot, exact_motion, winding):
         (CASTArc(3), False),
         (CASTArc(0, step="midpoint"), True),
         (CAST(0, step="midpoint"), True),
-        (WheelOdometry(), False),
         (HolmbergKhatib(), False),
     ],
     ids=lambda value: f"{type(value).__name__}-{vars(value)}" if hasattr(value, "step") else "",
@@ -66,6 +65,12 @@ def _motion_of(motions, odd_robot, exact_motion, winding):
 def test_second_order(estimator, centred, motion_of, drive):
     for slopes in order(estimator, motion_of(centred), drive):
         np.testing.assert_allclose(slopes[0], 2.0, atol=0.25)
+
+
+def test_of_castors_that_the_floor_turns_the_third_order_is_left(motion_of, drive):
+    """They follow a tractrix, whose direction turns as much as it did in the sample before."""
+    for slopes in order(WheelOdometry(), motion_of(False), drive):
+        np.testing.assert_allclose(slopes[0], 3.0, atol=0.25)
 
 
 @pytest.mark.parametrize(
@@ -108,6 +113,7 @@ def askew(t):
 @pytest.mark.parametrize("estimator", [WheelOdometry(), HolmbergKhatib()], ids=lambda value: type(value).__name__)
 @pytest.mark.parametrize("name", preset_names())
 def test_wheel_odometry_follows_every_robot_to_second_order(name, estimator, exact_motion, drive):
+    """To a higher one where the floor turns castors and it follows their tractrices."""
     robot = preset(name)
     motion = exact_motion(robot, askew if moves_sideways(robot) else forward, 4.0, pose=(1.0, -2.0, 0.5))
     errors = []
@@ -116,7 +122,11 @@ def test_wheel_odometry_follows_every_robot_to_second_order(name, estimator, exa
         errors.append(np.abs(drive(estimator, robot, observations, true[0]) - true)[:, :2].max())
     assert errors[2] < 1e-3
     if errors[0] > 1e-9:  # constant wheel speeds are followed exactly at any period
-        assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.25)
+        geometry = Geometry.of(robot)
+        if type(estimator) is WheelOdometry and (geometry.trailing & ~geometry.driven & ~geometry.fixed).any():
+            assert np.log2(errors[0] / errors[2]) / 2 > 2.5
+        else:
+            assert np.log2(errors[1] / errors[2]) == pytest.approx(2.0, abs=0.25)
 
 
 @pytest.mark.parametrize("name", ["swerve", "powered-caster", "tricycle", "omni3", "differential"])
