@@ -59,8 +59,8 @@ REFINEMENTS = 6
 """Times that the right sides are computed anew from the motion found, at most: where the body turns by half a radian in
 a sample, which is more than any does, an error of 1e-10 is left."""
 
-SETTLED = 1e-14
-"""rad and m: where the motion found changes by less, the right sides are not computed anew."""
+SETTLED = 1e-10
+"""rad and m: where the motion found changes by less, the right sides are not computed anew: a hundredth of it is left."""
 
 LOST = 0.05
 """rad, and m in a metre: a motion that still changes by more when it was refined for the last time is none, as of a
@@ -248,21 +248,36 @@ def bent(equations, k, i, x, y, a, turn):
     before_x, before_y = equations[k, i, WAY_X], equations[k, i, WAY_Y]
     before, veered = before_x * before_x + before_y * before_y, math.inf
     if square < ALIKE * before and before < ALIKE * square:
-        veered = math.atan2(before_x * way_y - before_y * way_x, before_x * way_x + before_y * way_y)
+        veered = bearing(before_x * way_x + before_y * way_y, before_x * way_y - before_y * way_x)
+    reach = bend * bend * square
     if abs(veered) > CORNER:
-        veered = swivel * (1.0 - math.exp(-bend * bend * square))
-    half = 0.5 * (turn + veered)
+        veered = swivel * (1.0 - math.exp(-reach))
+    left, half = 0.5 * (swivel - veered), 0.5 * (turn + veered)
+    return left * sinc(left) / bend * swung(reach, half)
+
+
+def swung(reach, half):
+    """Return sinc(d) r coth(r) - cos(d) by the square of a pivot's chord over 2 h, and d, rad; by its series where both
+    are short, to 1e-5 of it."""
+    if reach < 0.02 and abs(half) < 0.1:
+        return reach / 3.0 * (1.0 + 0.3 * half * half - reach / 15.0 * (1.0 - 2.0 / 21.0 * reach))
     chord = sinc(half)
-    ratio = coth_times(square * bend * bend / (chord * chord) - half * half)
-    return math.sin(0.5 * (swivel - veered)) / bend * (chord * ratio - math.cos(half))
-
-
-def coth_times(square):
-    """Return r coth(r) by the square of r, which may be negative; within 0.04 by its series, to 1e-10."""
-    if abs(square) < 0.04:
-        return 1.0 + square / 3.0 * (1.0 - square / 15.0 * (1.0 - square * (2.0 / 21.0) * (1.0 - square / 10.0)))
+    square = reach / (chord * chord) - half * half
     root = math.sqrt(abs(square))
-    return root / math.tanh(root) if square > 0.0 else root / math.tan(root)
+    if root > 1e-3:
+        ratio = root / math.tanh(root) if square > 0.0 else root / math.tan(root)
+    else:
+        ratio = 1.0 + square / 3.0
+    return chord * ratio - math.cos(half)
+
+
+def bearing(along, left):
+    """Return the direction of a vector, rad; within 0.1 by its series, to 1e-9."""
+    if abs(left) > 0.1 * along:
+        return math.atan2(left, along)
+    tangent = left / along
+    square = tangent * tangent
+    return tangent * (1.0 - square / 3.0 * (1.0 - 0.6 * square * (1.0 - 5.0 / 7.0 * square)))
 
 
 def went(castors, robot, x, y, turn):
