@@ -29,6 +29,7 @@ from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from estimators.filtering.kalman import UW, inverted, motion
+from estimators.steps.gaps import GAP
 from estimators.steps.rolling_equations import SINGULAR
 
 STANDING = 4e-6
@@ -49,6 +50,8 @@ CHASSIS = np.dtype(
         # how long the sample is, in lengths of that before; forces over those of two samples of the nominal length
         ("longer", float),
         ("quicker", float),
+        # how long it is, in nominal periods, where it is a gap (`steps.gaps`); else 0
+        ("gap", float),
     ],
     align=True,
 )
@@ -111,6 +114,7 @@ def timed(chassis, clock, robot):
     if not 0.0 < lasts < math.inf:
         lasts = period
     chassis[robot, 0].longer = lasts / last
+    chassis[robot, 0].gap = lasts / period if lasts > GAP * period else 0.0
     chassis[robot, 0].quicker = 2.0 * period * period / (lasts * (lasts + last))
     clock[robot, 1], clock[robot, 2] = clock[robot, 0], lasts
 

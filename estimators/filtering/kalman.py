@@ -16,7 +16,7 @@ them vector instructions.
 import math
 
 FREE = 2.5e-3
-"""m^2 and rad^2: prior variance of unknowns, so large that it says nothing of the motion in a sample."""
+"""m^2 and rad^2: prior variance of unknowns, so large that it says nothing of the motion in a usual sample."""
 
 L, INVERSE = range(2)
 U, W, V = 0, 3, 4
@@ -25,10 +25,10 @@ UW = 3
 """Row of `small` (4, 3) that holds U' w; the first three are C."""
 
 
-def factored(covariance, first, moves, residual, variance, factor, whitened, small):
+def factored(covariance, first, moves, residual, variance, factor, whitened, small, free=FREE):
     """Write L and its inverse, U', w, v, C and U' w, and return r' S^-1 r and the logarithm of S's determinant, with u.
 
-    covariance (D, D): P. moves (3, D): G'. residual and variance (q,): r and R.
+    covariance (D, D): P. moves (3, D): G'. residual and variance (q,): r and R. free: prior variance of the unknowns.
     """
     q = residual.shape[0]
     logarithm = 0.0
@@ -59,7 +59,7 @@ def factored(covariance, first, moves, residual, variance, factor, whitened, sma
                 whitened[U + k, i] += part * moves[k, first + j]
     for k in range(3):
         for other in range(3):
-            small[k, other] = 1.0 / FREE if k == other else 0.0
+            small[k, other] = 1.0 / free if k == other else 0.0
         small[UW, k] = 0.0
     for i in range(q):
         for k in range(3):

@@ -28,9 +28,10 @@ from estimators.filtering.creep import (
     timed,
     yields,
 )
-from estimators.filtering.kalman import UW, W, beside, corrected, factored, inverted, motion
+from estimators.filtering.kalman import FREE, UW, W, beside, corrected, factored, inverted, motion
 from estimators.filtering.rounding import kept, repeats
 from estimators.steps.castor_odometry import displace, sinc
+from estimators.steps.gaps import off_path
 from estimators.steps.rolling_equations import (
     CASTOR,
     G_X,
@@ -225,16 +226,17 @@ def read_anew(state, covariance, reading, noise):
     covariance[reading, reading] = noise * noise
 
 
-def released(covariance, first, moves, residual, variance, slip, gate, trusted, factor, whitened, small):
+def released(covariance, first, moves, residual, variance, slip, gate, trusted, factor, whitened, small, free):
     """Factor the measurements' covariance (see `factored`), with those released that contradict all others; return
     twice the negative log-likelihood.
 
     While residuals beside all others exceed their gates (q,), in standard deviations, the one that does so by most (in
     squares), and all that tie with it (`TIE`), get the variance `slip` (q,), whose sign then changes; those of which it
-    is 0 stay, and so does measurement `trusted` (q: none) unless it does so by `RARER` more than all others.
+    is 0 stay, and so does measurement `trusted` (q: none) unless it does so by `RARER` more than all others. free: see
+    `factored`.
     """
     q = residual.shape[0]
-    explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small)
+    explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small, free)
     for _ in range(q):
         most = -math.inf
         for i in range(q):
@@ -254,7 +256,7 @@ def released(covariance, first, moves, residual, variance, slip, gate, trusted, 
             if whitened[W, i] > most - TIE:
                 variance[i] += slip[i]
                 slip[i] = -slip[i]
-        explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small)
+        explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small, free)
     return explained + logarithm
 
 
@@ -307,6 +309,8 @@ def _advance(
     for robot in range(castors.shape[0]):
         swivelled(castors, robot, pivot, 0.5)
         timed(chassis, clock, robot)
+        gap = chassis[robot, 0].gap
+        free = FREE * max(1.0, gap * gap)
         turn_read, turn_variance, duration = gyro[robot, 0], gyro[robot, 1], gyro[robot, 2]
         gyro_noise, drift = gyro[robot, 3], gyro[robot, 4]
         bias, gain, reading = size - 3, size - 2, size - 1
@@ -339,7 +343,7 @@ def _advance(
             along, across, turn = linearised(
                 castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves
             )
-            motion_of = along, across, turn
+            motion_of, expected = (along, across, turn), last[2] * chassis[robot, 0].longer
             yields(carried, wheels, rows, robot, wheel, chassis, last, found)
             forced(castors, carried, chassis, rows, robot, *motion_of, last, first, moves, found, held, bearing)
             if creeps:
@@ -420,6 +424,14 @@ def _advance(
                         if rows[robot, other].castor == j:
                             p[first + i, first + other] += by_swing * found[SWING, other]
                     variance = unevenness(found, i, of_castor, swivel, uneven)
+                    if gap > 0.0:
+                        turned, before_it = turn + swivel, expected + of_castor.last * chassis[robot, 0].longer
+                        beside_it, short = off_path(found[WAY, i], turned, before_it)
+                        variance = 0.0 if i < d else beside_it * beside_it
+                        for other in range(d):
+                            if i < d and rows[robot, other].castor == j:
+                                alike = found[SCALE, i] * found[SCALE, other]
+                                p[first + i, first + other] += short * short * alike
                     if i < d:
                         of_wheel = wheels[robot, i]
                         scale = found[SCALE, i]
@@ -441,7 +453,7 @@ def _advance(
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
             gates = measured[GATES]
             log_likelihood[robot, f] -= 0.5 * released(
-                p, first, moves, residual, variance, slips, gates, m, factor, whitened, small
+                p, first, moves, residual, variance, slips, gates, m, factor, whitened, small, free
             )
             for i in range(q):
                 if slips[i] < 0.0:

@@ -15,9 +15,7 @@ from castor_envs.motion.kinematics import Geometry, constraint_matrix
 from castor_envs.sensors.encoders import castor_angles
 from estimators.likelihood.elimination import blocks
 from estimators.likelihood.sparse_columns import ByBlocks
-
-GAP = 3.5
-"""Steps longer than this many median steps are gaps: the motion in them is unknown."""
+from estimators.steps.gaps import GAP
 
 REACH = 2
 """Steps before and after a step with which its residuals are integrated to fourth order."""

@@ -60,7 +60,8 @@ REFINEMENTS = 6
 a sample, which is more than any does, an error of 1e-10 is left."""
 
 SETTLED = 1e-10
-"""rad and m: where the motion found changes by less, the right sides are not computed anew: a hundredth of it is left."""
+"""rad and m: where the motion found changes by less, the right sides are not computed anew; a hundredth of it is
+left."""
 
 LOST = 0.05
 """rad, and m in a metre: a motion that still changes by more when it was refined for the last time is none, as of a
@@ -264,11 +265,9 @@ def swung(reach, half):
     chord = sinc(half)
     square = reach / (chord * chord) - half * half
     root = math.sqrt(abs(square))
-    if root > 1e-3:
-        ratio = root / math.tanh(root) if square > 0.0 else root / math.tan(root)
-    else:
-        ratio = 1.0 + square / 3.0
-    return chord * ratio - math.cos(half)
+    if root < 1e-3:
+        return chord * (1.0 + square / 3.0) - math.cos(half)
+    return chord * root / (math.tanh(root) if square > 0.0 else math.tan(root)) - math.cos(half)
 
 
 def bearing(along, left):

@@ -15,6 +15,7 @@ from castor_envs.vehicles.robot import Contact, Gyro
 from estimators import CalibratingFilter, WheelOdometry
 from estimators.calibration.drives import log_of
 from estimators.filtering.sample import SLIP
+from estimators.plugins import drives
 from estimators.robots.calibrating_filter import COVARIANCE
 from estimators.steps.rolling_equations import Rows
 
@@ -268,3 +269,22 @@ def test_perfectly_rolling_wheels_turn_out_not_to_creep(run, drive):
     assert estimator.compliance == 1.0
     drive(estimator, preset("asoc-prototype"), observations, true[0])
     assert abs(estimator.compliance) < 0.5
+
+
+@pytest.mark.parametrize("name", ["differential", "asoc-prototype", "omnimate", "swerve", "powered-caster"])
+@pytest.mark.parametrize("samples", [10, 20, 40])
+def test_a_gap_makes_it_as_unsure_as_the_path_in_it_is_unknown(name, samples):
+    """Half a second to two without a sample, anywhere in a drive, and a few samples behind it: the normalised
+    estimation error squared is hardly larger than its three degrees of freedom."""
+    robot = preset(name)
+    whole = drives.winding(robot)
+    counts, squares = np.cumsum([seen["wheel"] for seen in whole.observations], axis=0), []
+    for first in range(21, 240 - samples - 11, 20):
+        rows = np.r_[first - 20 : first, first + samples : first + samples + 10]
+        estimator = CalibratingFilter()
+        estimator.reset(robot, whole.pose[rows[0]])
+        for row, wheel in zip(rows, np.diff(counts[rows], axis=0, prepend=counts[rows[:1]]), strict=True):
+            pose = estimator.update({**whole.observations[row], "wheel": wheel})
+        off = pose - whole.pose[rows[-1]]
+        squares.append(off @ np.linalg.solve(estimator.covariance, off))
+    assert np.mean(squares) < 4.5
