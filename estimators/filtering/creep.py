@@ -39,6 +39,14 @@ HELD = 6.25
 """How much stiffer to their side contacts of castors count that motors hold or nothing turns: their creep is 2e-4 m
 after 1 m where that of wheels is 5e-4."""
 
+BURST, AHEAD = 0.1, 10.0
+"""Nominal periods: a sample that lasts less, by its stamp, was held back by a line or a bus and sent at once with
+others; and by how much the clock then goes ahead of stamps, until the next one that is not. Taken as they are, stamps
+that are a millisecond apart would tell of forces a thousand times as large."""
+
+GRIP = 1.0
+"""The largest force of a contact, as a part of its load: friction of rubber on dry floors."""
+
 CHASSIS = np.dtype(
     [
         # mass (1/m) and inertia (m) as `inertias` has them; its centre, m; how much stiffer contacts are to their side
@@ -52,6 +60,8 @@ CHASSIS = np.dtype(
         ("quicker", float),
         # how long it is, in nominal periods, where it is a gap (`steps.gaps`); else 0
         ("gap", float),
+        # the largest force, `GRIP`, over K: by what part of its way a wheel creeps at most
+        ("grip", float),
     ],
     align=True,
 )
@@ -101,6 +111,7 @@ def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
     chassis["x"], chassis["y"] = np.moveaxis(geometry.center, -1, 0)
     chassis["lateral"] = stiffness[..., 1] / stiffness[..., 0]
     chassis["longer"] = chassis["quicker"] = 1.0
+    chassis["grip"] = GRIP / stiffness[..., 0]
     return chassis, geometry.castor_mass * scale[..., None], geometry.castor_inertia * scale[..., None]
 
 
@@ -108,15 +119,19 @@ def timed(chassis, clock, robot):
     """Write how long a robot's sample is into `chassis`.
 
     clock (B, 4), s: the time now, that of the sample before, how long this was, and the nominal period, which counts
-    where time stamps do not tell; what is of the sample before becomes that of this one.
+    where time stamps do not tell; what is of the sample before becomes that of this one. Stamps of a
+    burst (`BURST`) are taken to be a period apart.
     """
     lasts, last, period = clock[robot, 0] - clock[robot, 1], clock[robot, 2], clock[robot, 3]
-    if not 0.0 < lasts < math.inf:
+    now = clock[robot, 0]
+    if not BURST * period <= lasts < math.inf:
+        if -AHEAD * period < lasts < math.inf:
+            now = clock[robot, 1] + period
         lasts = period
     chassis[robot, 0].longer = lasts / last
     chassis[robot, 0].gap = lasts / period if lasts > GAP * period else 0.0
     chassis[robot, 0].quicker = 2.0 * period * period / (lasts * (lasts + last))
-    clock[robot, 1], clock[robot, 2] = clock[robot, 0], lasts
+    clock[robot, 1], clock[robot, 2] = now, lasts
 
 
 def yields(carried, wheels, rows, robot, wheel, chassis, before, found):
@@ -210,7 +225,8 @@ def forced(castors, carried, chassis, rows, robot, along, across, turn, before, 
         for k in range(3):
             found[FREE_X + k, i] = moves[k, first + i] + swung * held[k, j]
         crept_by = found[FREE_X, i] * u_x + found[FREE_X + 1, i] * u_y + found[FREE_X + 2, i] * u_turn
-        found[CREEP, i] = body.quicker * (crept_by + swung * held[TWIST, j])
+        most = body.grip * found[YIELD, i] * rows[robot, i].contacts
+        found[CREEP, i] = min(max(body.quicker * (crept_by + swung * held[TWIST, j]), -most), most)
 
 
 def balanced(carry, at, end, moves, first, compliance, small):

@@ -37,8 +37,12 @@ from estimators.steps.rolling_equations import (
     G_X,
     G_Y,
     LEVER,
+    ROLLED,
     ROW,
     SINGULAR,
+    SWIVELLED,
+    SWUNG,
+    WEIGHT,
     bent,
     equation,
     solved,
@@ -62,6 +66,11 @@ RELEASED = 2e-2
 
 UNREAD = 1.0
 """rad/s: standard deviation of what a released gyro is off: it may be dead, stuck or at the end of its range."""
+
+FAR = 10.0 * RELEASED
+"""m: where equations contradict the motion that fits all of them best by more, the filter, which is linear about it,
+is begun from one without the worst: a counter that wraps or is reset is off by metres, and is then released by as much
+as it is off."""
 
 AGAIN = 2.0
 """Standard deviations of a residual beyond which a measurement is released again that was so in the sample before: what
@@ -91,7 +100,7 @@ gyro, if there is one."""
 RESIDUAL, VARIANCE, SLIPS, GATES = range(4)
 
 
-def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves):
+def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap, equations, found, carry, moves):
     """Set up a sample's equations of a robot with the numbers of a filter's state x (D,), and linearise about their
     solution.
 
@@ -121,6 +130,11 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
         equation(equations, 0, i, castor, row, east, north, arm, rolled, 1)
         found[ARM, i] = arm
     along, across, turn = solved(equations, 0, 1)
+    if not gap:
+        for _ in range(m - 4):
+            if farthest(equations, along, across, turn) < FAR or not left_out(equations):
+                break
+            along, across, turn = solved(equations, 0, 1)
     a = 2.0 * math.sin(0.5 * turn)
     for i in range(m):
         row = rows[robot, i]
@@ -150,6 +164,35 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, equa
             carry[offset + j, at_row] = -turned
         found[LEFT, i] = left
     return along, across, turn
+
+
+def farthest(equations, along, across, turn):
+    """Return by how much equations (1, m, 12) of any weight are off a motion, m and rad, at most, m."""
+    most, a = 0.0, 2.0 * math.sin(0.5 * turn)
+    for i in range(equations.shape[1]):
+        if equations[0, i, WEIGHT] > 0.0:
+            off = equations[0, i, G_X] * along + equations[0, i, G_Y] * across + equations[0, i, LEVER] * a
+            off -= equations[0, i, SWUNG] * math.cos(0.5 * turn) + bent(equations, 0, i, along, across, a, turn)
+            off -= equations[0, i, ROLLED] * sinc(0.5 * (turn + equations[0, i, SWIVELLED]))
+            most = max(most, abs(off))
+    return most
+
+
+def left_out(equations):
+    """Take the weight of that equation of (1, m, 12) without which the others agree best; return whether they do."""
+    worst, least = -1, math.inf
+    for i in range(equations.shape[1]):
+        weight = equations[0, i, WEIGHT]
+        if weight == 0.0:
+            continue
+        equations[0, i, WEIGHT] = 0.0
+        most = farthest(equations, *solved(equations, 0, 1))
+        equations[0, i, WEIGHT] = weight
+        if most < least:
+            worst, least = i, most
+    if worst >= 0:
+        equations[0, worst, WEIGHT] = 0.0
+    return worst >= 0
 
 
 def turn_off_mean(castors, rows, robot, found, first, moves, small):
@@ -341,7 +384,7 @@ def _advance(
             last = before[robot, f]
             went(castors, robot, last[0], last[1], last[2])
             along, across, turn = linearised(
-                castors, carried, wheels, rows, robot, wheel, x, at, creeps, equations, found, carry, moves
+                castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap > 0.0, equations, found, carry, moves
             )
             motion_of, expected = (along, across, turn), last[2] * chassis[robot, 0].longer
             yields(carried, wheels, rows, robot, wheel, chassis, last, found)
@@ -446,6 +489,8 @@ def _advance(
                         measured[RESIDUAL, i] = found[CREEP, i] * (1.0 + x[compliance]) - found[LEFT, i]
                         measured[VARIANCE, i] = LEAST + variance
                         measured[SLIPS, i] = RELEASED**2
+                    if equations[0, i, WEIGHT] == 0.0:
+                        measured[SLIPS, i] += measured[RESIDUAL, i] ** 2
             if not counts:  # the robot stands, and what a gyro reads is its bias
                 for i in range(m):
                     measured[SLIPS, i] = 0.0

@@ -288,3 +288,50 @@ def test_a_gap_makes_it_as_unsure_as_the_path_in_it_is_unknown(name, samples):
         off = pose - whole.pose[rows[-1]]
         squares.append(off @ np.linalg.solve(estimator.covariance, off))
     assert np.mean(squares) < 4.5
+
+
+@pytest.mark.parametrize("name", ["asoc-prototype", "differential", "swerve", "powered-caster"])
+@pytest.mark.parametrize(
+    "held_back",
+    [
+        lambda k, t: np.floor(k / 5) * 0.25 + (k % 5) * 1e-3,
+        lambda k, t: np.floor(k / 2) * 0.1 + (k % 2) * 1e-6,
+        lambda k, t: t - 0.2 * (k == 100),
+    ],
+    ids=["five a millisecond apart", "pairs a microsecond apart", "one that goes back"],
+)
+def test_stamps_of_samples_that_were_sent_at_once_change_nothing(name, held_back):
+    """Counts are those of even samples; what stamps would tell of accelerations is not to be believed."""
+    robot, stamped = preset(name), CalibratingFilter()
+    whole, even = drives.winding(robot), CalibratingFilter()
+    for estimator in (stamped, even):
+        estimator.reset(robot, np.zeros(3))
+    for k, seen in enumerate(whole.observations):
+        late = stamped.update({**seen, "time": np.array([held_back(k, 0.05 * k)])})
+        np.testing.assert_allclose(late, even.update(seen), atol=2e-5)
+
+
+@pytest.mark.parametrize("name", ["differential", "swerve", "powered-caster"])
+def test_no_force_is_larger_than_friction_however_stamps_jitter(name):
+    """By a fifth of the period: contacts would creep by what accelerations of tens of m/s2 need."""
+    robot, random = preset(name), np.random.default_rng(0)
+    whole, off = drives.winding(robot), []
+    for _ in range(5):
+        time = np.sort(0.05 * np.arange(len(whole.pose)) + 0.01 * random.normal(size=len(whole.pose)))
+        seen = [{**one, "time": time[k : k + 1]} for k, one in enumerate(whole.observations)]
+        estimator = CalibratingFilter()
+        estimator.reset(robot, np.zeros(3))
+        off.append(farthest(np.array([estimator.update(one) for one in seen]), whole.pose))
+    assert np.mean(off) < (1.5e-2 if name == "differential" else 2e-3)
+
+
+@pytest.mark.parametrize("name", ["asoc-prototype", "swerve", "powered-caster"])
+@pytest.mark.parametrize("counts", [1000.0, 2.0**16, 2.0**32])
+def test_a_counter_that_jumps_is_released_by_as_much_as_it_jumps(name, counts):
+    """On robots with five equations or more for three degrees of freedom; the filter is linear about the rest."""
+    robot, estimator = preset(name), CalibratingFilter()
+    whole = drives.winding(robot)
+    seen = [{**one, "wheel": one["wheel"].copy()} for one in whole.observations]
+    seen[100]["wheel"][0] += counts
+    estimator.reset(robot, np.zeros(3))
+    assert farthest(np.array([estimator.update(one) for one in seen]), whole.pose) < 1.5e-3
