@@ -16,7 +16,9 @@ forces on the body and about pivots balance. Of creep of covariance q D there re
 
     q (D - a a' / H - Q Q' / N)
 
-To it comes q G G' / N, slip of the whole robot, of which no wheel tells: it changes how sure the pose is, and no more.
+To it comes q G G' / M, M = G' G / D - `ALONG` b b' / H, slip of the whole robot, of which no wheel tells: it changes how
+sure the pose is, and no more. Castors swivel with it, but as their readings would show, not quite: a robot on one castor
+would else turn about its pivot against no force at all.
 Wheels are taken to carry equal loads. Plain Python for one robot at a time, which is compiled (`castor_envs.kernels`).
 """
 
@@ -43,6 +45,11 @@ BURST, AHEAD = 0.1, 10.0
 """Nominal periods: a sample that lasts less, by its stamp, was held back by a line or a bus and sent at once with
 others; and by how much the clock then goes ahead of stamps, until the next one that is not. Taken as they are, stamps
 that are a millisecond apart would tell of forces a thousand times as large."""
+
+ALONG = 0.9
+"""By what part castors that the floor turns swivel freely where the whole robot slips: with all of it, a robot on one
+castor turns about its pivot against no force; with none, as pivots' readings would have it, errors of one on three
+castors with Table I's dimensions are 1.2 times as large as stated."""
 
 GRIP = 1.0
 """The largest force of a contact, as a part of its load: friction of rubber on dry floors."""
@@ -261,14 +268,12 @@ def crept(covariance, first, rows, robot, slip, moves, found, held, small):
     """Add the covariance of creep that nobody knows to covariance (D, D), m equations from entry `first` on.
 
     slip: standard deviation of a wheel's before forces balance, m after 1 m. moves (3, ...): G', by `SCALE`.
-    held, small: as `forced` leaves them.
+    held, small: as `forced` leaves them; small becomes the inverse of M.
     """
-    m = rows.shape[1]
+    m, variance = rows.shape[1], slip * slip
     for i in range(m):
-        j, scale = rows[robot, i].castor, slip * slip * found[SCALE, i]
+        j, scale = rows[robot, i].castor, variance * found[SCALE, i]
         free_x, free_y, free_turn = spread(small, found[FREE_X, i], found[FREE_X + 1, i], found[FREE_X + 2, i])
-        at = first + i
-        slip_x, slip_y, slip_turn = spread(small, moves[0, at], moves[1, at], moves[2, at])
         for other in range(i + 1):
             left = -free_x * found[FREE_X, other] - free_y * found[FREE_X + 1, other]
             left -= free_turn * found[FREE_X + 2, other]
@@ -276,12 +281,41 @@ def crept(covariance, first, rows, robot, slip, moves, found, held, small):
                 left += found[YIELD, i]
             if rows[robot, other].castor == j and held[HOLD, j] > 0.0:
                 left -= found[ARM, i] * found[ARM, other] / held[HOLD, j]
-            to = first + other
+            symmetric(covariance, first + i, first + other, scale * found[SCALE, other] * left)
+    for k in range(3):
+        for other in range(3):
+            small[k, other] = 0.0
+    for i in range(m):
+        stiffness = 1.0 / (found[SCALE, i] * found[SCALE, i] * found[YIELD, i])
+        for k in range(3):
+            part = stiffness * moves[k, first + i]
+            for other in range(k + 1):
+                small[k, other] += part * moves[other, first + i]
+    for j in range(held.shape[1]):
+        if held[HOLD, j] > 0.0:
+            for k in range(3):
+                part = ALONG * held[k, j] / held[HOLD, j]
+                for other in range(k + 1):
+                    small[k, other] -= part * held[other, j]
+    least = SINGULAR * (small[0, 0] + small[1, 1] + small[2, 2])
+    for k in range(3):
+        small[k, k] += least
+        for other in range(k):
+            small[other, k] = small[k, other]
+    inverted(small)
+    for i in range(m):
+        at = first + i
+        slip_x, slip_y, slip_turn = spread(small, moves[0, at], moves[1, at], moves[2, at])
+        for to in range(first, at + 1):
             alike = slip_x * moves[0, to] + slip_y * moves[1, to] + slip_turn * moves[2, to]
-            left = scale * found[SCALE, other] * left + slip * slip * alike
-            covariance[at, to] += left
-            if other < i:
-                covariance[to, at] += left
+            symmetric(covariance, at, to, variance * alike)
+
+
+def symmetric(covariance, at, to, value):
+    """Add a value to entries at, to and to, at."""
+    covariance[at, to] += value
+    if to != at:
+        covariance[to, at] += value
 
 
 def spread(small, x, y, turn):

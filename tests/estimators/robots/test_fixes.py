@@ -12,6 +12,7 @@ from castor_envs.vehicles.robot import Fixes
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators import CalibratingFilter, WheelOdometry
 from estimators.filtering.fixes import SAME_WAY, Belief, FixUpdates
+from estimators.plugins import drives
 
 SENSOR = Fixes(noise_position=0.02, noise_heading=0.01)
 NOISE = np.array([0.02, 0.02, 0.01])
@@ -196,3 +197,20 @@ def test_stacked_robots_take_their_fixes_as_single_ones_do(run, drive):
     for k, (one, other) in enumerate(zip(observations, nowhere, strict=True)):
         pose = estimator.update({name: np.stack([one[name], other[name]]) for name in one})
         np.testing.assert_allclose(pose, [single[k], alone[k]], atol=1e-9)
+
+
+def test_a_robot_on_one_castor_is_not_taken_to_turn_about_its_pivot_without_force():
+    """Wheels that roll perfectly, and rough fixes: these hardly move it. In ten starts of other noise."""
+    robot = dataclasses.replace(
+        preset("1-castor"), tolerances=Tolerances(), fixes=Fixes(noise_position=0.05, noise_heading=0.05)
+    )
+    whole, random, off = drives.winding(robot), np.random.default_rng(0), []
+    for _ in range(10):
+        estimator = CalibratingFilter()
+        estimator.reset(robot, np.zeros(3))
+        for seen in whole.observations:
+            pose = estimator.update({**seen, "fix": seen["fix"] + 0.05 * random.standard_normal(3)})
+        off.append(pose - whole.pose[-1])
+    rms = np.sqrt(np.mean(np.square(off), axis=0))
+    assert np.hypot(*rms[:2]) < 8e-3
+    assert rms[2] < 0.02
