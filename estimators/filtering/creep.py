@@ -16,9 +16,9 @@ forces on the body and about pivots balance. Of creep of covariance q D there re
 
     q (D - a a' / H - Q Q' / N)
 
-To it comes q G G' / M, M = G' G / D - `ALONG` b b' / H, slip of the whole robot, of which no wheel tells: it changes how
-sure the pose is, and no more. Castors swivel with it, but as their readings would show, not quite: a robot on one castor
-would else turn about its pivot against no force at all.
+To it comes q G G' / M, M = G' G / D - `ALONG` b b' / H, slip of the whole robot, of which no wheel tells: it changes
+how sure the pose is, and no more. Castors swivel with it, but, as their readings would show, not quite: a robot on one
+castor would else turn about its pivot against no force at all.
 Wheels are taken to carry equal loads. Plain Python for one robot at a time, which is compiled (`castor_envs.kernels`).
 """
 

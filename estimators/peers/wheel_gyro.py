@@ -143,7 +143,7 @@ class WheelGyro:
         *radius, track = 1.0 + self._state[self._numbers]
         rolled[: self._wheels] *= radius
         matrix[:, 2] *= track
-        return Equations(matrix, rolled, equations.arm * track, equations.swivel)
+        return equations._replace(matrix=matrix, rolled=rolled, arm=equations.arm * track)
 
     def _variances(self, equations: Equations) -> Array:
         """Return the variance (m,), m2, of each equation in one sample, by slip and by castors that swivel unevenly."""

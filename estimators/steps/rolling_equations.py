@@ -291,6 +291,7 @@ def _read(castors, rows, equations, wheel, pivot):
     for robot in range(castors.shape[0]):
         swivelled(castors, robot, pivot, 0.5)
         set_up(castors, rows, robot, wheel, equations, robot, 1)
+        went(castors, robot, *solved(equations, robot, 1))
 
 
 def _solve(equations, motion, arc):
@@ -396,16 +397,18 @@ class Rows(NamedTuple):
 class Equations(NamedTuple):
     """The m equations of one sample, for (t_x, t_y, a): matrix (..., m, 3) and what both right sides are made of.
 
-    rolled (..., m): m. arm (..., m): h, m. swivel (..., m): d_theta, rad.
+    rolled (..., m): m. arm (..., m): h, m. swivel (..., m): d_theta, rad. tractrix (..., m, 5): numbers `BEND` to
+    `WAY_Y`, of the robot as described.
     """
 
     matrix: Array
     rolled: Array
     arm: Array
     swivel: Array
+    tractrix: Array
 
     def right(self, turn: Array) -> Array:
-        """Return the right sides (..., m), m, where the body turns by `turn` (...), rad."""
+        """Return the right sides (..., m), m, where the body turns by `turn` (...), rad, but for tractrices."""
         turn = turn[..., None]
         chord = np.sinc((turn + self.swivel) / (2 * np.pi))
         return chord * self.rolled + 2 * self.arm * np.cos(turn / 2) * np.sin(self.swivel / 2)
@@ -415,7 +418,7 @@ class EquationsOfSamples:
     """Sets up the equations of one sample after another from encoder readings, of a robot or a stack of robots."""
 
     def __init__(self, rows: Rows) -> None:
-        records, m = rows.records(np.zeros(len(rows.castor))), len(rows.castor)
+        records, m = rows.records(1.0 / rows.variances()), len(rows.castor)
         parts = Part(records[0]), Part(records[1]), Part(np.zeros((m, NUMBERS)), axes=2)
         self._stack = Stack(_READ, rows.geometry, parts)
 
@@ -424,7 +427,8 @@ class EquationsOfSamples:
         self._stack.advance(observation)
         _, rows, equations = self._stack.parts
         found = equations.copy()
-        return Equations(found[..., : LEVER + 1], found[..., ROLLED], rows["arm"], found[..., SWIVELLED])
+        swivel, tractrix = found[..., SWIVELLED], found[..., BEND:]
+        return Equations(found[..., : LEVER + 1], found[..., ROLLED], rows["arm"], swivel, tractrix)
 
 
 class Motion(NamedTuple):
@@ -436,9 +440,9 @@ class Motion(NamedTuple):
 
 def solve(equations: Equations, weight: Array) -> Motion:
     """Return the motion that fits equations with weights (..., m), 1 / variance up to a factor, best. See `solved`."""
-    matrix, rolled, arm, swivel = equations
-    parts = np.broadcast_arrays(rolled, 2 * arm * np.sin(swivel / 2), swivel, weight, *np.zeros(3))
-    stacked = np.concatenate([matrix, np.stack(parts, axis=-1)], axis=-1)
+    matrix, rolled, arm, swivel, tractrix = equations
+    parts = np.broadcast_arrays(rolled, 2 * arm * np.sin(swivel / 2), swivel, weight)
+    stacked = np.concatenate([matrix, np.stack(parts, axis=-1), tractrix], axis=-1)
     motion = np.empty((*stacked.shape[:-2], 3))
     _SOLVE.bind(stacked.reshape(-1, *stacked.shape[-2:]), motion.reshape(-1, 3), 1)()
     return Motion(motion[..., :2], motion[..., 2])
