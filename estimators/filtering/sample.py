@@ -68,9 +68,9 @@ UNREAD = 1.0
 """rad/s: standard deviation of what a released gyro is off: it may be dead, stuck or at the end of its range."""
 
 FAR = 10.0 * RELEASED
-"""m: where equations contradict the motion that fits all of them best by more, the filter, which is linear about it,
-is begun from one without the worst: a counter that wraps or is reset is off by metres, and is then released by as much
-as it is off."""
+"""m: where a wheel rolls farther in a sample, and equations contradict the motion that fits all of them best by more,
+the filter, which is linear about it, is begun from one without the worst: a counter that wraps or is reset is off by
+metres, and is then released by as much as it is off."""
 
 AGAIN = 2.0
 """Standard deviations of a residual beyond which a measurement is released again that was so in the sample before: what
@@ -117,6 +117,7 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap,
         castor = castors[robot, j]
         angle = castor.half_way + x[SWIVEL + j] - known * x[zero + j]
         castor.cos, castor.sin = math.cos(angle), math.sin(angle)
+    most = 0.0
     for i in range(m):
         row = rows[robot, i]
         j = row.castor
@@ -128,9 +129,9 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap,
             rolled = of_wheel.radius * math.exp(known * x[radius + i]) * of_wheel.count * wheel[robot, row.wheel]
         east, north = castor.x + known * x[to_x + j], castor.y + known * x[to_y + j]
         equation(equations, 0, i, castor, row, east, north, arm, rolled, 1)
-        found[ARM, i] = arm
+        found[ARM, i], most = arm, max(most, abs(rolled))
     along, across, turn = solved(equations, 0, 1)
-    if not gap:
+    if most > FAR and not gap:
         for _ in range(m - 4):
             if farthest(equations, along, across, turn) < FAR or not left_out(equations):
                 break

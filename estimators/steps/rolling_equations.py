@@ -59,7 +59,7 @@ REFINEMENTS = 6
 """Times that the right sides are computed anew from the motion found, at most: where the body turns by half a radian in
 a sample, which is more than any does, an error of 1e-10 is left."""
 
-SETTLED = 1e-10
+SETTLED = 1e-9
 """rad and m: where the motion found changes by less, the right sides are not computed anew; a hundredth of it is
 left."""
 

@@ -51,6 +51,7 @@ from castor_envs.sensors.posture import posture
 from castor_envs.vehicles.train import Frame, TrainDescription
 from estimators.likelihood.trains import bending
 from estimators.protocol import Observation
+from estimators.steps.gaps import GAP, off_path
 from estimators.trains.configuration import MAX_AGE, SLACK, Configuration
 from estimators.trains.inliers import best_fit
 from estimators.trains.pose_noise import ODOMETRY_SIGMA
@@ -199,6 +200,7 @@ class TrainFilter:
         )
         self._times, self._od = np.zeros(0), np.zeros((0, n, 3))
         self._begun, self._od_begun = np.nan, self._odometry.poses.copy()
+        self._longest, self._rate = 0.0, np.zeros(n)  # of the block's samples, s; at which axles turned before, rad/s
         self._taken, self._last = np.full(f, -np.inf), np.full((f, 3), np.nan)
         self._frozen, self._bent = np.zeros(f, dtype=bool), np.zeros((f, 3))
         self._begins_checked = False
@@ -220,13 +222,15 @@ class TrainFilter:
         self._read(observation, time)
         if time - self._begun >= BLOCK - SLACK:
             self._end_block(time - self._begun, od)
-            self._begun, self._od_begun, self._readings = time, od.copy(), []
+            self._begun, self._od_begun, self._readings, self._longest = time, od.copy(), [], 0.0
         return se2.compose(self._mean, se2.relative_pose(self._od_begun, od))
 
     def _remember(self, time: float, od: Array) -> None:
         """Keep OD poses as long as readings may refer to them."""
         if np.isnan(self._begun):
             self._begun = time
+        if len(self._times):
+            self._longest = max(self._longest, time - float(self._times[-1]))
         kept = self._times >= time - MAX_AGE - BLOCK
         self._times, self._od = np.append(self._times[kept], time), np.concatenate([self._od[kept], od[None]])
 
@@ -263,7 +267,7 @@ class TrainFilter:
                 self._restart()
                 before, bank = self._bank, self._predicted(step)
                 seen = self._measured(bank.poses, bank.offsets, od)
-        slip = self._slip(before.poses, step)
+        slip = self._slip(before.poses, step, self._off_path(step, seconds))
         parents, modes, prior = branches(bank.history, seconds, moving=bool(way.max() > LEAST_WAY))
         axles, n = np.arange(len(od)), len(od)
         by_pose = seen.derivative[:, :, : 3 * n].reshape(len(bank.poses), -1, n, 3).transpose(0, 2, 1, 3)[:, :, None]
@@ -343,8 +347,19 @@ class TrainFilter:
         covariance = by_state @ bank.covariance @ by_state.swapaxes(-1, -2)
         return bank._replace(poses=poses, covariance=covariance)
 
-    def _slip(self, poses: Array, step: Array) -> Slip:
-        """Return the slip of axles at poses (H, N, 3) that move by odometry's steps (N, 3)."""
+    def _off_path(self, step: Array, seconds: float) -> Array:
+        """Return the variance (N, 3) of odometry's steps (N, 3) in a block of so many seconds, along, across and
+        turning, by what is not known of the path in a gap."""
+        expected, self._rate = self._rate * seconds, step[:, 2] / seconds
+        if self._longest <= GAP * self._train.sample_period:
+            return np.zeros_like(step)
+        moved = zip(np.hypot(step[:, 0], step[:, 1]), step[:, 2], expected, strict=True)
+        beside, short = np.array([off_path(*axle) for axle in moved]).T
+        return np.stack([short**2, beside**2, 0.0 * beside], axis=-1)
+
+    def _slip(self, poses: Array, step: Array, unknown: Array) -> Slip:
+        """Return the slip of axles at poses (H, N, 3) that move by odometry's steps (N, 3), of which the variance
+        (N, 3) is unknown."""
         way, turn = np.abs(step[:, 0]), step[:, 2]
         size = (*poses.shape[:2], len(MODES), 3)
         mean, covariance = np.zeros(size), np.zeros((*size, 3))
@@ -359,6 +374,7 @@ class TrainFilter:
         covariance += (
             np.diag(GRIP**2) * way[:, None, None] + np.eye(3) * self._rounding[:, None] * (way > 0)[:, None, None]
         )[:, None]
+        covariance += (np.eye(3) * unknown[:, None])[:, None]
         slid = SLIDING * creep
         mean[:, :, SLIDES] += slid
         covariance[:, :, SLIDES] += slid[..., None] * slid[..., None, :]

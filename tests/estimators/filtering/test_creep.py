@@ -41,6 +41,7 @@ class Contacts:
             part.reshape(1, -1).view(np.recarray) for part in parts[:4]
         )
         self.chassis = parts[12].reshape(1, -1).view(np.recarray)
+        self.chassis["grip"] = np.inf  # yielding by metres, contacts would not bear what accelerates
         n, m = self.carried.shape[1], self.rows.shape[1]
         self.found, self.held, self.small = np.zeros((ROWS, m)), np.zeros((OF_CASTOR, n)), np.zeros((4, 3))
         self.before, self.found[SCALE] = np.zeros(3 + 2 * n + 2 * n), 1.0
@@ -213,3 +214,21 @@ def test_softer_contacts_creep_more(contacts):
     other.turn([0.3, -1.2, 2.0], [0.35, -1.15, 1.9])
     other.found[YIELD], other.before[:] = contacts.found[YIELD], contacts.before
     np.testing.assert_allclose(other.creep(0.01, 0.02, 0.03), 2.0 * contacts.creep(0.01, 0.02, 0.03), rtol=1e-9)
+
+
+def test_no_contact_bears_more_than_its_friction(contacts):
+    contacts.chassis["grip"] = 1e-3
+    most = 1e-3 * contacts.found[YIELD] * contacts.rows["contacts"][0]
+    for motion in ((0.02, -0.01, 0.03), (1.0, 2.0, -1.0), (-50.0, 0.0, 9.0)):
+        assert np.all(np.abs(contacts.creep(*motion)) <= most)
+    np.testing.assert_allclose(np.abs(contacts.creep(100.0, 90.0, 50.0)), most)
+
+
+def test_stamps_of_a_burst_are_a_period_apart(straight):
+    """Five at once, then the next when it is due; and a clock that was set back tells nothing."""
+    clock = np.array([[-np.inf, -np.inf, PERIOD, PERIOD]])
+    for time in (1.0, 1.0001, 1.0002, 1.0003, 1.0004, 1.0 + 5 * PERIOD, 0.2, 0.2 + PERIOD):
+        clock[0, 0] = time
+        timed(straight.chassis, clock, 0)
+        assert straight.chassis["longer"][0, 0] == pytest.approx(1.0)
+        assert straight.chassis["gap"][0, 0] == 0.0

@@ -17,6 +17,7 @@ from castor_envs.sensors.posture import posture
 from castor_envs.vehicles.presets import cfmmr, preset
 from castor_envs.vehicles.robot import Contact
 from estimators import RelativePoseWarning, TrainFilter, TrainOdometry
+from estimators.plugins.train_drives import winding
 from estimators.trains.train_filter import GRIP, GRIPS, LOST, SLIDES, Bank, branches, merged
 
 STIFF = Contact(slip_stiffness_long=1e6, slip_stiffness_lat=1e6)
@@ -359,3 +360,23 @@ def test_relative_poses_of_the_circle_are_those_of_its_frames(circling):
     train, truth, observations = circling(2, curvature=0.8)
     np.testing.assert_allclose(relative_pose(truth[0, 1], truth[0, 0]), observations[0]["rps"], atol=1e-12)
     np.testing.assert_allclose(posture(train.frames[0], np.full(4, 0.8)), observations[0]["rps"], atol=1e-9)
+
+
+@pytest.mark.parametrize("samples", [20, 40, 60])
+def test_a_gap_makes_it_as_unsure_as_the_path_in_it_is_unknown(samples):
+    """Of 1 to 3 s on a winding way: frames contradict where odometry ends, and its headings stay what they are."""
+    train = cfmmr(3)
+    whole, squares, headings = winding(train), [], []
+    counts = np.cumsum([seen["wheel"] for seen in whole.observations], axis=0)
+    for first in range(40, len(whole.pose) - samples - 1, 20):
+        rows = np.r_[:first, first + samples : min(first + samples + 20, len(whole.pose))]
+        seen = [
+            {**whole.observations[row], "wheel": wheel}
+            for row, wheel in zip(rows, np.diff(counts[rows], axis=0, prepend=counts[:1]), strict=True)
+        ]
+        estimator = TrainFilter()
+        off = run(estimator, train, whole.pose[0], seen)[-1] - whole.pose[rows[-1]]
+        squares.append(np.einsum("ni,nij,nj->n", off, np.linalg.inv(estimator.covariance), off))
+        headings.append(np.abs(off[:, 2]).max())
+    assert np.mean(squares) < 3.0
+    assert np.max(headings) < 0.02
