@@ -264,16 +264,19 @@ def balanced(carry, at, end, moves, first, compliance, small):
             carry[s, first + i] = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
 
 
-def crept(covariance, first, rows, robot, slip, moves, found, held, small):
+def crept(covariance, first, rows, robot, slip, moves, found, held, small, whole):
     """Add the covariance of creep that nobody knows to covariance (D, D), m equations from entry `first` on.
 
     slip: standard deviation of a wheel's before forces balance, m after 1 m. moves (3, ...): G', by `SCALE`.
-    held, small: as `forced` leaves them; small becomes the inverse of M.
+    held, small: as `forced` leaves them. whole (4, 3): room, in which the inverse of M is left.
     """
-    m, variance = rows.shape[1], slip * slip
+    m = rows.shape[1]
+    stiffness(rows, first, moves, found, held, whole)
     for i in range(m):
-        j, scale = rows[robot, i].castor, variance * found[SCALE, i]
+        j, scale = rows[robot, i].castor, slip * slip * found[SCALE, i]
         free_x, free_y, free_turn = spread(small, found[FREE_X, i], found[FREE_X + 1, i], found[FREE_X + 2, i])
+        at = first + i
+        slip_x, slip_y, slip_turn = spread(whole, moves[0, at], moves[1, at], moves[2, at])
         for other in range(i + 1):
             left = -free_x * found[FREE_X, other] - free_y * found[FREE_X + 1, other]
             left -= free_turn * found[FREE_X + 2, other]
@@ -281,41 +284,37 @@ def crept(covariance, first, rows, robot, slip, moves, found, held, small):
                 left += found[YIELD, i]
             if rows[robot, other].castor == j and held[HOLD, j] > 0.0:
                 left -= found[ARM, i] * found[ARM, other] / held[HOLD, j]
-            symmetric(covariance, first + i, first + other, scale * found[SCALE, other] * left)
+            to = first + other
+            alike = slip_x * moves[0, to] + slip_y * moves[1, to] + slip_turn * moves[2, to]
+            left = scale * found[SCALE, other] * left + slip * slip * alike
+            covariance[at, to] += left
+            if other < i:
+                covariance[to, at] += left
+
+
+def stiffness(rows, first, moves, found, held, whole):
+    """Write the inverse of M, the stiffness of the whole robot that slips, into `whole` (4, 3); arguments are those of
+    `crept`."""
     for k in range(3):
         for other in range(3):
-            small[k, other] = 0.0
-    for i in range(m):
-        stiffness = 1.0 / (found[SCALE, i] * found[SCALE, i] * found[YIELD, i])
+            whole[k, other] = 0.0
+    for i in range(rows.shape[1]):
+        part = 1.0 / (found[SCALE, i] * found[SCALE, i] * found[YIELD, i])
         for k in range(3):
-            part = stiffness * moves[k, first + i]
             for other in range(k + 1):
-                small[k, other] += part * moves[other, first + i]
+                whole[k, other] += part * moves[k, first + i] * moves[other, first + i]
     for j in range(held.shape[1]):
         if held[HOLD, j] > 0.0:
+            part = ALONG / held[HOLD, j]
             for k in range(3):
-                part = ALONG * held[k, j] / held[HOLD, j]
                 for other in range(k + 1):
-                    small[k, other] -= part * held[other, j]
-    least = SINGULAR * (small[0, 0] + small[1, 1] + small[2, 2])
+                    whole[k, other] -= part * held[k, j] * held[other, j]
+    least = SINGULAR * (whole[0, 0] + whole[1, 1] + whole[2, 2])
     for k in range(3):
-        small[k, k] += least
+        whole[k, k] += least
         for other in range(k):
-            small[other, k] = small[k, other]
-    inverted(small)
-    for i in range(m):
-        at = first + i
-        slip_x, slip_y, slip_turn = spread(small, moves[0, at], moves[1, at], moves[2, at])
-        for to in range(first, at + 1):
-            alike = slip_x * moves[0, to] + slip_y * moves[1, to] + slip_turn * moves[2, to]
-            symmetric(covariance, at, to, variance * alike)
-
-
-def symmetric(covariance, at, to, value):
-    """Add a value to entries at, to and to, at."""
-    covariance[at, to] += value
-    if to != at:
-        covariance[to, at] += value
+            whole[other, k] = whole[k, other]
+    inverted(whole)
 
 
 def spread(small, x, y, turn):

@@ -495,7 +495,7 @@ def _advance(
             if not counts:  # the robot stands, and what a gyro reads is its bias
                 for i in range(m):
                     measured[SLIPS, i] = 0.0
-            crept(p, first, rows, robot, filters[f].slip, moves, found, held, bearing)
+            crept(p, first, rows, robot, filters[f].slip, moves, found, held, bearing, small)
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
             gates = measured[GATES]
             log_likelihood[robot, f] -= 0.5 * released(

@@ -162,11 +162,12 @@ def test_a_motion_that_goes_on_needs_no_force(contacts):
 
 
 def test_creep_that_nobody_knows_balances_but_for_slip_of_the_whole_robot(contacts):
-    """Its forces are neither on castors nor, beyond the slip G G' / N, on the body."""
+    """Its forces are neither on castors nor, beyond the slip G G' / M, on the body."""
     contacts.creep(0.01, 0.02, 0.03)
-    covariance = np.zeros((9, 9))
-    crept(covariance, 0, contacts.rows, 0, 1.0, contacts.moves, contacts.found, contacts.held, contacts.small)
-    whole = contacts.moves.T @ contacts.small[:3] @ contacts.moves
+    covariance, inverse = np.zeros((9, 9)), np.zeros((4, 3))
+    of_castors = contacts.held, contacts.small, inverse
+    crept(covariance, 0, contacts.rows, 0, 1.0, contacts.moves, contacts.found, *of_castors)
+    whole = contacts.moves.T @ inverse[:3] @ contacts.moves
     left = covariance - whole
     np.testing.assert_allclose(left, left.T, atol=1e-15)
     assert np.linalg.eigvalsh(left).min() > -1e-9

@@ -284,8 +284,8 @@ def test_a_gap_makes_it_as_unsure_as_the_path_in_it_is_unknown(name, samples):
         estimator = CalibratingFilter()
         estimator.reset(robot, whole.pose[rows[0]])
         for row, wheel in zip(rows, np.diff(counts[rows], axis=0, prepend=counts[rows[:1]]), strict=True):
-            pose = estimator.update({**whole.observations[row], "wheel": wheel})
-        off = pose - whole.pose[rows[-1]]
+            estimator.update({**whole.observations[row], "wheel": wheel})
+        off = estimator.pose - whole.pose[rows[-1]]
         squares.append(off @ np.linalg.solve(estimator.covariance, off))
     assert np.mean(squares) < 4.5
 

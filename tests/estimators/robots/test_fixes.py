@@ -209,8 +209,8 @@ def test_a_robot_on_one_castor_is_not_taken_to_turn_about_its_pivot_without_forc
         estimator = CalibratingFilter()
         estimator.reset(robot, np.zeros(3))
         for seen in whole.observations:
-            pose = estimator.update({**seen, "fix": seen["fix"] + 0.05 * random.standard_normal(3)})
-        off.append(pose - whole.pose[-1])
+            estimator.update({**seen, "fix": seen["fix"] + 0.05 * random.standard_normal(3)})
+        off.append(estimator.pose - whole.pose[-1])
     rms = np.sqrt(np.mean(np.square(off), axis=0))
     assert np.hypot(*rms[:2]) < 8e-3
     assert rms[2] < 0.02
