@@ -158,7 +158,6 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
             floor=ten_cables,
             metric="nonsystematic_orientation_error",
             baseline=True,
-            version=2,  # in 1 cables had no ends: wheels that crossed them were lifted at once
         ),
         PhysicsUMBmark(
             name="umbmark-physics-slippery",

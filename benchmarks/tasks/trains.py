@@ -129,11 +129,7 @@ def tasks(measured: Path | None) -> tuple[Task, ...]:
             axles=axles,
             disturbed=disturbed,
             floor=floor,
-            version=version,
         )
         for axles, disturbed in ((2, 1), (3, 1), (5, 2))
-        for kind, floor, disturbance, version in (
-            ("patch", slippery, "on slippery strips", 1),
-            ("cables", cables, "over cables", 2),  # in 1 cables had no ends
-        )
+        for kind, floor, disturbance in (("patch", slippery, "on slippery strips"), ("cables", cables, "over cables"))
     )

@@ -160,8 +160,7 @@ def _long(robot: RobotDescription, random: np.random.Generator, case: int) -> Dr
 
 @dataclass(frozen=True)
 class Kind:
-    """One kind of drive. tolerances, gyro and fixes: those that the robot file states. cases: how many are official.
-    version: of its tasks."""
+    """One kind of drive. tolerances, gyro and fixes: those that the robot file states. cases: how many are official."""
 
     name: str
     title: str
@@ -172,7 +171,6 @@ class Kind:
     gyro: Gyro | None = None
     fixes: Fixes | None = None
     metric: str = "ate"
-    version: int = 1
 
 
 KINDS = (
@@ -198,7 +196,6 @@ KINDS = (
         "Manoeuvres over eight carpets, on which wheels roll smaller by 0.2 to 1 %, and over sills of 10 mm.",
         _soft,
         cases=40,
-        version=2,  # in 1 cables had no ends
     ),
     Kind(
         "bursts",
@@ -258,6 +255,7 @@ class DrivenRobot:
 
     kind: Kind
     label: str
+    version: int = 1
     missing: None = None
     standard: bool = False  # all drives of all robots take hours
 
@@ -265,11 +263,6 @@ class DrivenRobot:
     def name(self) -> str:
         """The kind and the robot."""
         return f"{self.kind.name}-{self.label}"
-
-    @property
-    def version(self) -> int:
-        """That of the kind."""
-        return self.kind.version
 
     @property
     def title(self) -> str:
