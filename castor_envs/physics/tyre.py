@@ -133,14 +133,14 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
     costs what the way down gives back.
     """
     rise, share, gradient_x, gradient_y, highest = 0.0, 0.0, 0.0, 0.0, 0.0
-    longest = 0.5 * (abs(end_x - start_x) + abs(end_y - start_y))
     for i in range(len(cables)):
         right, up = 0.5 * (start_x + end_x) - cables[i, 0], 0.5 * (start_y + end_y) - cables[i, 1]
         along, middle = cables[i, 2] * right + cables[i, 3] * up, cables[i, 2] * up - cables[i, 3] * right
         half = 0.5 * abs(cables[i, 2] * (end_y - start_y) - cables[i, 3] * (end_x - start_x))
         clear = abs(middle) - half
         beside = (clear <= 0.0) | (clear * clear < 4.0 * radius * cables[i, 5])
-        near = beside & (abs(along) - longest <= cables[i, 4] + cables[i, 5])
+        way = 0.5 * (cables[i, 2] * (end_x - start_x) + cables[i, 3] * (end_y - start_y))
+        near = beside & (abs(along) - abs(way) <= cables[i, 4] + cables[i, 5])
         if any_of(near):
             flat, reach, edge = radius - cables[i, 5], radius + cables[i, 5], 2.0 * math.sqrt(radius * cables[i, 5])
             over_edge = (half > 0.0) & (abs(middle) + half > edge)
@@ -152,20 +152,17 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
             root = math.sqrt(reach * reach - across * across)
             up_it = where(abs(middle) < edge, middle, edge)
             risen = where(abs(middle) < edge, math.sqrt(reach * reach - up_it * up_it) - flat, 0.0)
-            whole, mean, falling = 1.0, 1.0, 0.0
-            if any_of(near & (abs(along) + longest > cables[i, 4])):
-                way = 0.5 * (cables[i, 2] * (end_x - start_x) + cables[i, 3] * (end_y - start_y))
-                whole, falling = within_ends(along, cables[i, 4], cables[i, 5])
-                first, _ = within_ends(along - way, cables[i, 4], cables[i, 5])
-                last, _ = within_ends(along + way, cables[i, 4], cables[i, 5])
-                moving = abs(way) > STANDING
-                falling = where(moving, (last - first) / where(moving, 2.0 * way, 1.0), falling)
-                falling, mean = risen * falling / where(part > 0.0, part, 1.0), 0.5 * (first + last)
+            whole, falling = within_ends(along, cables[i, 4], cables[i, 5])
+            first, _ = within_ends(along - way, cables[i, 4], cables[i, 5])
+            last, _ = within_ends(along + way, cables[i, 4], cables[i, 5])
+            moving = abs(way) > STANDING
+            falling = where(moving, (last - first) / where(moving, 2.0 * way, 1.0), falling)
+            mean = 0.5 * (first + last)
             higher = near & (mean * (root - flat) > highest)
             highest, share = where(higher, mean * (root - flat), highest), where(higher, part, share)
-            aside = mean * across
-            gradient_x = where(higher, aside * cables[i, 3] / root + falling * cables[i, 2], gradient_x)
-            gradient_y = where(higher, -aside * cables[i, 2] / root + falling * cables[i, 3], gradient_y)
+            aside, ahead = mean * across, risen * falling / where(part > 0.0, part, 1.0)
+            gradient_x = where(higher, aside * cables[i, 3] / root + ahead * cables[i, 2], gradient_x)
+            gradient_y = where(higher, -aside * cables[i, 2] / root + ahead * cables[i, 3], gradient_y)
             rise = where(higher, whole * risen, rise)
     return rise, share, gradient_x, gradient_y
 
