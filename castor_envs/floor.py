@@ -45,8 +45,7 @@ class Patch:
 class Cable:
     """A round cable on the floor.
 
-    center: m. direction: of its axis, rad. length: m; beyond it the ends taper off, within half the diameter. diameter:
-    m.
+    center: m. direction: of its axis, rad. length: m. diameter: m.
     """
 
     center: tuple[Place, Place]

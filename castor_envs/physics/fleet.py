@@ -202,7 +202,7 @@ class _Fields:
 def _floors(single: Sequence[Array]) -> Array:
     """Return patches or cables (p, ...) of lanes (L,) side by side, as many of each: some are nowhere."""
     most, nowhere = max(map(len, single)), np.zeros((1, single[0].shape[1]))
-    nowhere[0, 4], nowhere[0, 5] = -1.0, 1e-3  # half their length, and width or radius
+    nowhere[0, 4] = -1.0  # half their length
     return _beside([np.concatenate([floor, np.repeat(nowhere, most - len(floor), axis=0)]) for floor in single])
 
 

@@ -85,8 +85,6 @@ WHEEL = np.dtype(
 )
 CLOSE = 1e-6
 """A step of Newton's method, as a share of what it steps, after which the error, its square, is rounding."""
-STANDING = 1e-9
-"""m: a way up to it in half a substep is none: changes along it are those at a place."""
 NO_FORCE = 1e-60
 """N: a friction limit up to it is none, so that its square is still a number."""
 
@@ -115,22 +113,11 @@ def friction_at(x, y, otherwise, patches):
     return friction
 
 
-def within_ends(along, half_length, radius):
-    """Return which part of its height a cable has at a place along it, and how that changes, 1/m: it tapers off beyond
-    its ends."""
-    beyond = abs(along) - half_length
-    part = where(beyond > 0.0, 1.0 - beyond / radius, 1.0)
-    falling = (beyond > 0.0) & (part > 0.0)
-    return where(part > 0.0, part, 0.0), where(falling, -math.copysign(1.0 / radius, along), 0.0)
-
-
 def rise_between(start_x, start_y, end_x, end_y, radius, cables):
     """Return how a wheel's centre rises on a short way over the highest cable there, else zeros.
 
     That is its rise h halfway, the share of the way that lies on the cable, and in the middle of that share the
-    gradient of h: the edges of a cable are sharp, so half a substep more or less on it would be felt. Beyond its ends a
-    cable tapers off within its radius; along it the gradient is the mean on the way, so that what is climbed there
-    costs what the way down gives back.
+    gradient of h: the edges of a cable are sharp, so half a substep more or less on it would be felt.
     """
     rise, share, gradient_x, gradient_y, highest = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(len(cables)):
@@ -139,8 +126,7 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
         half = 0.5 * abs(cables[i, 2] * (end_y - start_y) - cables[i, 3] * (end_x - start_x))
         clear = abs(middle) - half
         beside = (clear <= 0.0) | (clear * clear < 4.0 * radius * cables[i, 5])
-        way = 0.5 * (cables[i, 2] * (end_x - start_x) + cables[i, 3] * (end_y - start_y))
-        near = beside & (abs(along) - abs(way) <= cables[i, 4] + cables[i, 5])
+        near = beside & (abs(along) <= cables[i, 4])
         if any_of(near):
             flat, reach, edge = radius - cables[i, 5], radius + cables[i, 5], 2.0 * math.sqrt(radius * cables[i, 5])
             over_edge = (half > 0.0) & (abs(middle) + half > edge)
@@ -152,18 +138,11 @@ def rise_between(start_x, start_y, end_x, end_y, radius, cables):
             root = math.sqrt(reach * reach - across * across)
             up_it = where(abs(middle) < edge, middle, edge)
             risen = where(abs(middle) < edge, math.sqrt(reach * reach - up_it * up_it) - flat, 0.0)
-            whole, falling = within_ends(along, cables[i, 4], cables[i, 5])
-            first, _ = within_ends(along - way, cables[i, 4], cables[i, 5])
-            last, _ = within_ends(along + way, cables[i, 4], cables[i, 5])
-            moving = abs(way) > STANDING
-            falling = where(moving, (last - first) / where(moving, 2.0 * way, 1.0), falling)
-            mean = 0.5 * (first + last)
-            higher = near & (mean * (root - flat) > highest)
-            highest, share = where(higher, mean * (root - flat), highest), where(higher, part, share)
-            aside, ahead = mean * across, risen * falling / where(part > 0.0, part, 1.0)
-            gradient_x = where(higher, aside * cables[i, 3] / root + ahead * cables[i, 2], gradient_x)
-            gradient_y = where(higher, -aside * cables[i, 2] / root + ahead * cables[i, 3], gradient_y)
-            rise = where(higher, whole * risen, rise)
+            higher = near & (root - flat > highest)
+            highest, share = where(higher, root - flat, highest), where(higher, part, share)
+            gradient_x = where(higher, across * cables[i, 3] / root, gradient_x)
+            gradient_y = where(higher, -across * cables[i, 2] / root, gradient_y)
+            rise = where(higher, risen, rise)
     return rise, share, gradient_x, gradient_y
 
 

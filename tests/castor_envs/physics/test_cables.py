@@ -9,8 +9,7 @@ import pytest
 
 from castor_envs.floor import Cable, Floor, cable_extra_roll
 from castor_envs.physics.robot_world import RobotWorld
-from castor_envs.physics.tyre import rise_between
-from castor_envs.vehicles.presets import differential, preset
+from castor_envs.vehicles.presets import differential
 
 G = 9.80665
 RADIUS, TRACK, DIAMETER = 0.075, 0.34, 0.01  # LabMate and Borenstein's cables
@@ -148,39 +147,3 @@ def test_without_the_climbing_force_a_robot_coasts_on_at_its_speed():
     for _ in range(40):
         world.advance([0.0, 0.0], drive="off")
     assert world.twist[0] == pytest.approx(0.5, rel=2e-3)  # but for the spin that the wheels borrow on the way
-
-
-@pytest.mark.parametrize("name", ["asoc-prototype", "omni3", "differential"])
-def test_nobody_gets_energy_from_a_cable_by_rolling_over_its_ends(name):
-    """Motors off, a robot coasts over a short cable that lies anywhere and any way: its energy never grows."""
-    robot, random = preset(name), np.random.default_rng(0)
-    for _ in range(12):
-        place, direction = (0.5, random.uniform(-0.3, 0.3)), random.uniform(-math.pi, math.pi)
-        cable = Cable(center=place, direction=direction, length=0.3, diameter=0.015)
-        world = RobotWorld(robot, Floor(cables=(cable,)), twist=(0.6, 0.0, 0.0))
-        energy = [world.energy()]
-        for _ in range(40):
-            world.advance(np.zeros(len(robot.driven_wheels)), drive="off")
-            energy.append(world.energy())
-        assert np.max(np.diff(energy)) < 1e-4 * energy[0]
-
-
-def test_the_force_at_a_cables_end_is_the_slope_of_what_it_lifts():
-    """Anywhere near an end: the loss of energy by a small way is load times rise, along and across."""
-    cable, small = Cable(center=(0.0, 0.0), direction=0.4, length=0.2, diameter=0.02), 1e-6
-    rows, random = Floor(cables=(cable,)).cable_array(), np.random.default_rng(1)
-    axis = np.array([math.cos(0.4), math.sin(0.4)])
-    felt = 0
-    for _ in range(200):
-        along, aside = random.uniform(0.09, 0.115), random.uniform(-0.05, 0.05)
-        place = along * axis + aside * np.array([-axis[1], axis[0]])
-        way = small * np.array(random.normal(size=2))
-        (x, y), (end_x, end_y) = (place - way / 2).tolist(), (place + way / 2).tolist()
-        rise, share, *gradient = rise_between(x, y, end_x, end_y, 0.05, rows)
-        before, after = (
-            rise_between(x, y, x, y, 0.05, rows)[0],
-            rise_between(end_x, end_y, end_x, end_y, 0.05, rows)[0],
-        )
-        assert share * np.dot(gradient, way) == pytest.approx(after - before, abs=1e-3 * small)
-        felt += 0.0 < rise < 0.02 * (1 - 1e-9) and along > 0.1
-    assert felt > 20
