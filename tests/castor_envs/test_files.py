@@ -100,7 +100,11 @@ def test_a_folder_half_filled_goes_with_ctrl_c_and_that_of_a_killed_process_with
 
     def filling():
         process = subprocess.Popen(
-            [sys.executable, "-c", FILLER, out], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", FILLER, out],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),  # which a shell's background jobs ignore
         )
         assert process.stdout is not None
         assert process.stdout.readline() == "writing\n"
@@ -109,7 +113,7 @@ def test_a_folder_half_filled_goes_with_ctrl_c_and_that_of_a_killed_process_with
     stopped, killed, living = filling(), filling(), filling()
     assert len(list(tmp_path.iterdir())) == 3
     stopped.send_signal(signal.SIGINT)
-    assert stopped.wait() == 130
+    assert stopped.wait(timeout=60) == 130
     assert len(list(tmp_path.iterdir())) == 2
     killed.send_signal(signal.SIGKILL)
     killed.wait()
