@@ -22,7 +22,8 @@ from castor_envs.vehicles.weight import chassis, combined
 ITERATIONS_PER_LINK = 3  # the solver's impulses travel along a chain by one joint an iteration
 LIGHT = 200.0
 """Times as heavy as its frame's links an axle may be before substeps and iterations grow, both with the root of it: the
-solver's impulses turn a heavy axle by light links little by little, and what is left of it feeds or damps the frame."""
+solver's impulses turn a heavy axle by light links little by little, and what is left of it feeds or damps the frame.
+They grow up to the most substeps there may be."""
 
 
 class TrainWorld:
@@ -80,6 +81,7 @@ class TrainWorld:
         lightest = [link_inertia(frame)[0] for frame in frames]
         heaviest = [max(bodies[f].mass, bodies[f + 1].mass) for f in range(len(frames))]
         finer = math.sqrt(max(1.0, *(m / link / LIGHT for m, link in zip(heaviest, lightest, strict=True))))
+        finer = min(finer, max(1.0, MOST_SUBSTEPS / max(needed)))
         substeps = substeps or math.ceil(finer * max(needed))
         if substeps > MOST_SUBSTEPS:
             raise InputError(
