@@ -20,7 +20,9 @@ for name, module in sorted(sys.modules.items()):
 
 def test_all_code_that_records_is_what_tells_one_world_from_another():
     """Truth, references and oracles come from estimators too; what only draws has no part in it."""
-    loaded = subprocess.run([sys.executable, "-c", RECORDS], capture_output=True, text=True, check=True, timeout=600)
+    loaded = subprocess.run(
+        [sys.executable, "-P", "-c", RECORDS], capture_output=True, text=True, check=True, timeout=600
+    )
     files = dict(line.split(" ", 1) for line in loaded.stdout.splitlines())
     assert {"estimators.likelihood.trains.bending", "estimators.robots.cast", "benchmarks.tasks.task"} <= set(files)
     known = {str(path) for path in world_files()}
