@@ -91,7 +91,7 @@ def ending_with(ending: Callable[[], None]) -> Iterator[None]:
 
 
 def main(app: typer.Typer) -> NoReturn:
-    """Run an app as a console script.
+    """Run an app as a console script, and end its process; a program of others calls `run`.
 
     Ctrl-C ends the process at once, wherever it is, instead of raising KeyboardInterrupt, which clean-up code may
     swallow or block. Worker processes end by themselves when their parent is gone (`castor_envs.processes`), and files

@@ -33,10 +33,10 @@ def log(tmp_path):
 
 
 def diagnose(capsys, monkeypatch, *arguments):
-    """Run the script; return exit code, stdout, stderr."""
+    """Run the command; return exit code, stdout, stderr."""
     monkeypatch.setattr(sys, "argv", ["castor-diagnose", *map(str, arguments)])
     with pytest.raises(SystemExit) as left:
-        cli.main()
+        command_line.run(cli.app)
     return left.value.code, *capsys.readouterr()
 
 
