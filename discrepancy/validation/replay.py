@@ -180,6 +180,8 @@ def replay(
         raise ValueError(f"a window lasts more than 0 s, got {window}")
     window = min(window, float(log.t[-1] - log.t[0]) / 2)
     measured = _Measured(robot, log)
+    if (sample := float(measured.t[1] - measured.t[0])) > window:
+        raise InputError(f"samples are {sample:g} s apart, and a replay takes windows of {window:g} s; sample faster")
     drive, notes = measured.drive(robot)
     poses = _poses_in(robot, log, clock, mount, path)
     windows = _windows(poses, measured, window, notes)

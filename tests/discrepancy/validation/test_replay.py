@@ -309,6 +309,14 @@ def test_a_castor_without_an_encoder_is_refused():
         replay(dataclasses.replace(robot, castors=castors), log)
 
 
+def test_samples_further_apart_than_a_window_lasts_are_refused():
+    """The pose at the start of a window was taken for the one at its end, so that no next window ever came."""
+    log = asoc()
+    slow = dataclasses.replace(log, t=log.t * 20 / ASOC.sample_period)
+    with pytest.raises(InputError, match="samples are 20 s apart, and a replay takes windows of 5 s"):
+        replay(ASOC, slow, WINDOW)
+
+
 def test_only_windows_in_which_something_differs_need_to_be_simulated_again():
     """What windows hand on changes those after a patch by fractions of a millimetre; the one just after is simulated
     again."""
