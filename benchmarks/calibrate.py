@@ -16,6 +16,7 @@ from benchmarks.options import LOADING
 from castor_envs.errors import InputError
 from castor_envs.files import check_writable, write_atomically, writing
 from castor_envs.logs.csv import read_log
+from castor_envs.logs.pace import wrong_times
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.processes import Job, OneWorker
 from castor_envs.vehicles.load import load_robot
@@ -157,10 +158,13 @@ def _check_options(entry: CalibrationEntry, side: float | None, pivots: bool, sc
 
 
 def _read(paths: Sequence[Path], robot: RobotDescription, side: float | None) -> list[Recording]:
-    """Return the logs; raises InputError for a log that is given twice, or repeats an earlier log."""
+    """Return the logs; raises InputError for a log that is given twice or repeats an earlier log, and for times that no
+    drive has."""
     read: list[Recording] = []
     for path in paths:
         log = read_log(path, robot)
+        for wrong in wrong_times(log.t, robot.sample_period):
+            raise InputError(f"{path}: {wrong}")
         for earlier in read:
             repeated = np.array_equal(log.t, earlier.log.t) and np.array_equal(log.wheel, earlier.log.wheel)
             if str(path) == earlier.name or repeated:

@@ -8,15 +8,14 @@ from numpy.typing import NDArray
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log, poses_taken, positions_taken
+from castor_envs.logs.pace import wrong_times
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.validation.sufficient import SHORT
 from estimators.likelihood.channels import Channels
 from estimators.likelihood.rolling import GAP
 
-PERIOD, UNITS, KILO, UNIT_OFF = 0.2, ("milliseconds", "microseconds", "nanoseconds"), 1e3, 5.0
-"""Largest relative difference of the sample period from the robot's without a remark; units of time, each a thousandth
-of the last; largest factor by which the period in one may differ. No robot file is off by as much as from unit to unit.
-"""
+PERIOD = 0.2
+"""Largest relative difference of the sample period from the robot's without a remark."""
 
 FAST, OFTEN = 3.0, 0.05
 """Multiple of max_wheel_speed that no wheel reaches; the part of steps above it from which on the fault is systematic,
@@ -24,9 +23,6 @@ not in single steps."""
 
 SLOW = 0.05
 """Part of max_wheel_speed below which no drive stays throughout."""
-
-LONGEST_GAP = 86400.0
-"""s: most between two samples, a day."""
 
 REPEATED = 5
 """Poses that are the same as the one before, in succession, which no tracker measures of a robot that moves."""
@@ -67,18 +63,7 @@ def mistakes_in(robot: RobotDescription, log: Log) -> Iterator[str]:
             for k in np.flatnonzero(~np.isfinite(values))[:1]:
                 yield f"column {name!r}, row {k + 1}: {values[k]} is not finite; give a number"
         return
-    steps, declared = np.diff(log.t), robot.sample_period
-    period, longest = float(np.median(steps)), int(np.argmax(steps))
-    apart = f"samples are {period:g} s apart, and the robot file says {declared:g} s"
-    sizes = {unit: KILO**k for k, unit in enumerate(UNITS, 1)}
-    units = [unit for unit, size in sizes.items() if 1 / UNIT_OFF < period / size / declared < UNIT_OFF]
-    if units:
-        yield f"t is in {units[0]}, not in s: {apart}; divide t by {sizes[units[0]]:g}"
-    elif not 1 / KILO < period / declared < KILO:
-        yield f"{apart}; correct t, or sample_period"
-    elif steps[longest] > LONGEST_GAP:
-        at = f"row {longest + 1} (t {log.t[longest]:.6g} s)"
-        yield f"nothing for {steps[longest]:g} s after {at}; correct t, or split the log there"
+    yield from wrong_times(log.t, robot.sample_period)
     for name, counts, counted, limit in wheel_steps(robot, log):
         bits = int(np.ptp(counts)).bit_length()  # of the smallest counter that holds all counts
         off = np.flatnonzero((2**bits - np.abs(counted) <= limit) & (2 * limit < 2**bits))

@@ -109,6 +109,17 @@ def test_mistakes_are_one_line_and_nothing_is_written(logs, tmp_path, capsys):
     assert existing.read_text() == "{}"
 
 
+def test_times_in_milliseconds_are_refused(logs, tmp_path, capsys):
+    """What castor-diagnose says of them."""
+    robot = preset("asoc-prototype")
+    log = read_log(logs[0], robot)
+    write_log(tmp_path / "ms.csv", replace(log, t=1000 * log.t), robot)
+    code, _, err = call(capsys, tmp_path / "ms.csv", "--robot", "asoc-prototype", "--out", tmp_path / "new.json")
+    assert code == 2
+    assert err.startswith(f"error: {tmp_path / 'ms.csv'}: t is in milliseconds, not in s: samples are ")
+    assert not (tmp_path / "new.json").exists()
+
+
 @pytest.fixture(scope="module")
 def squares(tmp_path_factory):
     """Logs of a differential robot that drives squares, two each way; its wheel base is 1 % wider than described."""

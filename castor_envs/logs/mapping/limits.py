@@ -12,6 +12,9 @@ from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
 from castor_envs.logs.mapping.said_units import says_speed
 from castor_envs.logs.mapping.units import TURN, counts_in, kind_of
+from castor_envs.logs.pace import unit_meant
+from castor_envs.logs.recordings.csv_clock import unit_said
+from castor_envs.logs.recordings.ros import CLOCKS
 from castor_envs.vehicles.robot import Castor, RobotDescription
 
 TOO_FAST = 3.0
@@ -58,7 +61,20 @@ def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[s
         unit = counts_in(by.columns[key].unit, turn)
         yield from _jump_notes(key, by.columns[key], log.t, counts, paces, most, unit)
     if abs(period / robot.sample_period - 1) > 0.1:
-        yield f"rows come every {period:.4g} s, the robot file's sample_period is {robot.sample_period:g} s: mend that"
+        apart = f"rows come every {period:.4g} s, the robot file's sample_period is {robot.sample_period:g} s"
+        yield f"{apart}: {next(_other_units(robot, by, period), 'mend that')}"
+
+
+def _other_units(robot: RobotDescription, by: ChannelMap, period: float) -> Iterator[str]:
+    """Yield in which other unit a column of times makes the rows' period, s, that of the robot file; by message or
+    record, times have no unit to be mistaken."""
+    columns = LogColumns.of(robot)
+    for key in dict.fromkeys(by.columns[name].source for name in (*columns.wheel, *columns.pivot)):
+        time, taken = by.places[key].time, by.places[key].clock.unit
+        meant = unit_meant(period, robot.sample_period, taken)
+        if meant is not None and time not in (None, *CLOCKS):
+            said = ", as its name says" if unit_said(time) == meant else ""
+            yield f'is the time {time!r} in {meant}{said}, not in {taken}? mend "unit" of the source {key!r}'
 
 
 def _still_notes(columns: LogColumns, by: ChannelMap, log: Log) -> Iterator[str]:

@@ -91,6 +91,12 @@ def clock_of(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Clock:
     return Clock(names[at], _unit(names[at], _numbers(columns[at])))
 
 
+def unit_said(name: str) -> TimeUnit | None:
+    """Return the unit of time that a column's name says, None where it says none."""
+    named = _HUMP.sub("_", name)
+    return next((unit for unit, pattern in _UNIT_SAID.items() if re.search(pattern, named, re.IGNORECASE)), None)
+
+
 class RowTimes:
     """When the rows of a table were taken by a clock, row after row; raises InputError for a clock it has not.
 
@@ -180,9 +186,8 @@ def _rises(cells: Sequence[str]) -> bool:
 def _unit(name: str, times: Array) -> TimeUnit:
     """Return the unit of time that a column's name says; of no word, that which makes 1 us to 10 s of its steps, or
     days as spreadsheets count them."""
-    for unit, pattern in _UNIT_SAID.items():
-        if re.search(pattern, _HUMP.sub("_", name), re.IGNORECASE):
-            return unit
+    if (said := unit_said(name)) is not None:
+        return said
     steps = np.diff(times[np.isfinite(times)])
     step = float(np.median(steps[steps > 0])) if (steps > 0).any() else math.nan
     if step < LONGEST_STEP and SERIAL_DAYS[0] < times[0] < SERIAL_DAYS[1]:

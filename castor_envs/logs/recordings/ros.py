@@ -23,6 +23,9 @@ import numpy as np
 from castor_envs.errors import InputError, message_of, with_extra
 from castor_envs.logs.recordings.recording import Clock, Reading, RecordingFormat, heading_of
 
+CLOCKS = ("header", "receive")
+"""Names of the clocks of a bag."""
+
 MOST = 32
 """Numbers of an array: drives with more wheels are not known, images and scans have more."""
 
@@ -74,7 +77,7 @@ class Bag:
 
     def readings(self, channels: frozenset[str] | None, clock: Clock) -> Generator[Reading]:
         """Yield readings, see `Recording`."""
-        if clock.time not in ("header", "receive"):
+        if clock.time not in CLOCKS:
             raise InputError(f'{self._path}: has no clock {clock.time!r}; give "time": "header" or "receive"')
         topics = None if channels is None else {name.split(" ", 1)[0] for name in channels}
         silent: dict[str, str] = {}

@@ -385,10 +385,15 @@ def test_a_counter_that_wraps_is_reported_with_size_and_place():
     assert f"first in row {first} " in only(found).what
 
 
-def test_times_in_milliseconds_are_a_mistake():
+@pytest.mark.parametrize(
+    ("in_s", "said", "remedy"),
+    [(1e-3, "milliseconds", "divide t by 1000"), (86400.0, "days", "multiply t by 86400")],
+)
+def test_times_in_another_unit_are_a_mistake(in_s, said, remedy):
     log = log_of(ASOC)
-    found = preflight(ASOC, [dataclasses.replace(log, t=1000 * log.t)])
-    assert "t is in milliseconds" in only(found).what
+    found = preflight(ASOC, [dataclasses.replace(log, t=log.t / in_s)])
+    assert f"t is in {said}, not in s" in only(found).what
+    assert only(found).what.endswith(remedy)
 
 
 def test_nan_is_reported_with_its_place():

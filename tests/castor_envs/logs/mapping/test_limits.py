@@ -129,3 +129,28 @@ def test_a_pivots_reset_and_wrong_reading_are_said_and_where_it_wraps(tmp_path):
     counts = np.round(ANGLE / (2 * np.pi) * 4 * TURN) % (4 * TURN)  # of an encoder with more than the robot file says
     (wraps,) = pivot_notes(tmp_path, counts, "counts")
     assert f'does it wrap at {4 * TURN:.0f}? add "wraps_at": {4 * TURN:.0f} to the map' in wraps
+
+
+@pytest.mark.parametrize(
+    ("time", "steps", "unit", "said"),
+    [
+        ("Zeit [ms]", 20, "s", "is the time 'Zeit [ms]' in ms, as its name says, not in s? mend"),
+        ("clock", 20, "s", "is the time 'clock' in ms, not in s? mend"),
+        ("clock", 0.02, "ms", "is the time 'clock' in s, not in ms? mend"),
+        ("t_ns", 2e7, "us", "is the time 't_ns' in ns, as its name says, not in us? mend"),
+        ("clock", 0.1, "s", "mend that"),
+        ("clock", 20, "ms", None),
+    ],
+)
+def test_times_in_another_unit_than_the_map_says_are_said(tmp_path, time, steps, unit, said):
+    """Only where no unit is mistaken is the robot file's sample period to be mended."""
+    rows = (f"{steps * k},{left},{left}" for k, left in enumerate(COUNTS.tolist()))
+    (tmp_path / "run.csv").write_text("\n".join([f"{time},left,right", *rows]) + "\n")
+    columns = {f"wheel_1{side[0]}": {"channel": side, "unit": "counts"} for side in ("left", "right")}
+    sources = {"main": {"time": time, "unit": unit}}
+    by = ChannelMap.from_dict({"format": "castor-map/1", "sources": sources, "columns": columns})
+    told = [note for note in import_log(tmp_path / "run.csv", ROBOT, by).notes if note.startswith("rows come")]
+    assert len(told) == (said is not None)
+    assert all(
+        said in note and (("sample_period is 0.02 s: mend that" in note) == (said == "mend that")) for note in told
+    )
