@@ -17,7 +17,7 @@ from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.preflight import Preflight, preflight
 from discrepancy.preflight.hypotheses import reading_of
-from discrepancy.validation.sufficient import check_logs
+from discrepancy.validation.sufficient import check_logs, check_near
 from estimators.calibration.maximum_likelihood.tracker import straightened
 from estimators.likelihood.channels import Channels
 
@@ -45,6 +45,8 @@ class Undone:
         for result in found:
             if result.fatal:
                 raise InputError("; ".join(mistake.what for mistake in result.mistakes))
+        for given in (logs, held_out, clean):  # after mistakes of units
+            check_near(given)
         self.checked, _, good = found
         self.robot, self.good = _mended(robot, self.checked), _mended(robot, good)
         self.logs, self.held_out = (_straight(robot, self.checked, given) for given in (logs, held_out))

@@ -33,8 +33,8 @@ CONTRADICTION = (
 def check_logs(logs: Mapping[str, Log]) -> None:
     """Raise InputError, with its name, for a log without information.
 
-    That is one of hardly any rows, in which no encoder count changes (and of a train no relative pose: a standing one
-    shows the noise of its gauges), or, of a robot, whose reference is far from its origin.
+    That is one of hardly any rows, or in which no encoder count changes (and of a train no relative pose: a standing
+    one shows the noise of its gauges).
     """
     for name, log in logs.items():
         if len(log) < FEWEST_ROWS:
@@ -43,13 +43,6 @@ def check_logs(logs: Mapping[str, Log]) -> None:
                 f"than {SHORT:g} s"
             )
         reference = np.zeros((1, 3)) if log.reference is None else log.reference
-        far = np.abs(np.nan_to_num(reference, posinf=0.0, neginf=0.0))[:, :2]
-        row, axis = np.unravel_index(int(np.argmax(far)), far.shape)
-        if log.rps is None and far[row, axis] > FARTHEST:
-            raise InputError(
-                f"{name}: ref_{'xy'[axis]} is {reference[row, axis]:g} m in row {row + 1}, and a diagnosis takes "
-                f"positions within {FARTHEST:g} m of the origin; mend it, or subtract the place where the robot started"
-            )
         channels = [log.wheel, log.pivot, *([] if log.rps is None else [np.nan_to_num(log.rps)])]
         if not any(np.any(np.ptp(part, axis=0) > 0) for part in channels):
             message = "shows no motion: no encoder count ever changes; leave it out, and record a log while driving"
@@ -57,6 +50,19 @@ def check_logs(logs: Mapping[str, Log]) -> None:
             if len(taken) and np.any(np.ptp(taken, axis=0) > MOVED):
                 message += " (the reference does move: if the robot did, its encoders are not connected)"
             raise InputError(f"{name}: {message}")
+
+
+def check_near(logs: Mapping[str, Log]) -> None:
+    """Raise InputError, with its name, for a robot's log whose reference is far from its origin."""
+    for name, log in logs.items():
+        reference = np.zeros((1, 3)) if log.reference is None else log.reference
+        far = np.abs(np.nan_to_num(reference, posinf=0.0, neginf=0.0))[:, :2]
+        row, axis = np.unravel_index(int(np.argmax(far)), far.shape)
+        if far[row, axis] > FARTHEST:
+            raise InputError(
+                f"{name}: ref_{'xy'[axis]} is {reference[row, axis]:g} m in row {row + 1}, and a diagnosis takes "
+                f"positions within {FARTHEST:g} m of the origin; mend it, or subtract the place where the robot started"
+            )
 
 
 def check_seen(robot: RobotDescription, *log_sets: Sequence[Log]) -> None:

@@ -14,6 +14,9 @@ import pytest
 from castor_envs.cli import command_line
 from castor_envs.logs.csv import write_log
 from castor_envs.logs.log import Log
+from castor_envs.logs.reference import FARTHEST
+from castor_envs.motion.rolling import roll
+from castor_envs.motion.trajectories import umbmark
 from castor_envs.vehicles.presets import cfmmr, preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from discrepancy import cli
@@ -302,6 +305,20 @@ def test_a_log_that_tells_nothing_is_refused_in_one_line_that_says_why(capsys, m
     assert said in err
     if "fit" not in said and "give logs" not in said:
         assert f"{tmp_path / 'log.csv'}: " in err
+
+
+def test_millimetres_are_told_however_far_they_seem_to_go(capsys, monkeypatch, tmp_path):
+    """Beyond where positions are refused as too far from the origin, too."""
+    robot, n = preset("differential"), 400
+    rolled = roll(robot, umbmark("ccw", side=2.0))
+    wheel = rolled.wheel_angle[:n] * (robot.wheels[0].counts_per_rev or np.nan) / (2 * np.pi)
+    log = Log(rolled.t[:n], np.round(wheel), np.empty((n, 0)), reference=rolled.pose[:n] * [1000, 1000, 1])
+    assert log.reference is not None
+    assert np.max(log.reference) > FARTHEST
+    write_log(tmp_path / "log.csv", log, robot)
+    code, out, err = diagnose(capsys, monkeypatch, tmp_path / "log.csv", "--robot", "differential")
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err.startswith("error: ref_x and ref_y are in millimetres: ")
 
 
 def test_the_log_that_shows_no_motion_is_named_among_others(capsys, monkeypatch, tmp_path):

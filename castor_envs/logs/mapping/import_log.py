@@ -279,10 +279,13 @@ def _tracked(columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], t
 def _near_origin(
     tracked: TimedPoses | None, fix: Array | None, notes: list[str]
 ) -> tuple[TimedPoses | None, Array | None]:
-    """Return poses and fixes without the whole metres of the first pose where it is far from the origin, as in UTM."""
+    """Return poses and fixes without the whole metres of the first pose where all are far from the origin, as in UTM:
+    further than from each other, or it is their unit that makes them far."""
     if tracked is None or not np.any(np.abs(tracked.pose[:, :2]) > FARTHEST):
         return tracked, fix
     x, y = origin = np.floor(tracked.pose[0, :2])
+    if np.max(np.abs(origin)) <= np.max(np.ptp(tracked.pose[:, :2], axis=0)):
+        return tracked, fix
     notes.append(
         f"reference: its positions are far from their origin, and {x:.0f} m is subtracted from ref_x, {y:.0f} m from "
         f"ref_y{', and from fixes too' if fix is not None else ''}; add that to have them back"

@@ -241,6 +241,18 @@ def test_positions_far_from_their_origin_begin_near_it_and_what_is_subtracted_is
     assert ("from fixes too" in note) == with_fixes
 
 
+def test_millimetres_taken_for_metres_have_no_origin_to_be_subtracted(tmp_path):
+    """They begin near it, and only their unit makes them go far; that alone is said, in the first place."""
+    place = {"east": 1000 * T - 500.0, "north": 0 * T}
+    source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, **place)
+    reference = {f"ref_{part}": {"channel": channel, "unit": "m"} for part, channel in (("x", "east"), ("y", "north"))}
+    log, _, notes = import_log(source, ROBOT, mapped(WHEELS | reference))
+    assert log.reference is not None
+    np.testing.assert_allclose(log.reference[:, 0], place["east"], atol=1e-9)
+    assert notes[0].startswith("ref_x: the reference goes 2e+03 m in all, wheels roll ")
+    assert not [note for note in notes if "origin" in note]
+
+
 def test_a_reference_needs_no_heading(tmp_path):
     source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, x=T, y=-T)
     reference = {f"ref_{part}": {"channel": part, "unit": "cm"} for part in ("x", "y")}
