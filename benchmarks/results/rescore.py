@@ -1,6 +1,7 @@
 """Scores computed again from what is stored: the estimated trajectories and the recorded episodes."""
 
 import dataclasses
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -16,13 +17,17 @@ from benchmarks.results.rows import ResultsStore, Row
 from benchmarks.scoring.registry import score
 from benchmarks.tasks.task import Task
 
+ROUNDED = 1e-12
+"""Part by which sums of some thousand numbers may differ between machines."""
+
 
 @dataclass(frozen=True)
 class Rescored:
     """A row whose scores were computed anew.
 
     row: with the new scores; unchanged if it failed. changed: by metric, the score before and now, None where there is
-    none. problem: why the row could not be scored again; then the row is unchanged.
+    none; not of those that agree to rounding. problem: why the row could not be scored again; then the row is
+    unchanged.
     """
 
     row: Row
@@ -55,10 +60,16 @@ def rescore(results: Path, task: str, version: int, store: ResultsStore | None =
             continue
         scores = {name: value for name, value in scores.items() if np.isfinite(value)}
         names = dict.fromkeys((*row.scores, *scores))
-        changed = {
-            name: (row.scores.get(name), scores.get(name)) for name in names if row.scores.get(name) != scores.get(name)
-        }
+        scored = {name: (row.scores.get(name), scores.get(name)) for name in names}
+        changed = {name: pair for name, pair in scored.items() if not _same(*pair)}
         yield Rescored(dataclasses.replace(row, scores=scores), changed)
+
+
+def _same(before: float | None, now: float | None) -> bool:
+    """Return whether two scores agree to rounding; None: there is none."""
+    if before is None or now is None:
+        return before is now
+    return math.isclose(before, now, rel_tol=ROUNDED)
 
 
 @dataclass(frozen=True)

@@ -53,8 +53,12 @@ class Judged:
 
     @cached_property
     def paths(self) -> list[Path]:
-        """All runs, those on the clean floor that only give the systematic error (`Run.baseline`) too."""
-        return [Path(run, run.truth, estimate) for run, estimate in zip(self.episode.runs, self.estimates, strict=True)]
+        """All runs, those on the clean floor that only give the systematic error (`Run.baseline`) too.
+
+        Estimates lie in memory as they are read from files, since by that order sums are rounded.
+        """
+        estimated = map(np.ascontiguousarray, self.estimates)
+        return [Path(run, run.truth, estimate) for run, estimate in zip(self.episode.runs, estimated, strict=True)]
 
     @cached_property
     def scored(self) -> list[Path]:

@@ -11,8 +11,12 @@ from benchmarks.results.references import CEILING, FLOOR, reference_store, save_
 from benchmarks.results.rescore import rescore, rescore_task
 from benchmarks.results.rows import ResultsStore
 from benchmarks.run.plan import Assignment, run
+from benchmarks.scoring.registry import score
+from benchmarks.tasks.task import Episode, Run
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor
+from castor_envs.logs.log import Log
+from castor_envs.vehicles.presets import cfmmr
 from estimators.plugins.registry import load_estimator
 
 
@@ -59,6 +63,24 @@ def test_scores_that_differ_are_stored_again_unless_it_is_a_dry_run(stored):
     assert rescored[1].origin.rescored is not None
     assert rescored[1].origin.rescored >= rescored[1].origin.created
     assert rescored[0].origin == before[0].origin
+
+
+def test_scores_that_differ_by_rounding_are_no_others(stored):
+    results, task = stored
+    store = ResultsStore(results)
+    row = next(iter(store.rows(task.name, task.version)))
+    store.save(dataclasses.replace(row, scores={name: np.nextafter(value, 1) for name, value in row.scores.items()}))
+    assert rescore_task(results, task, write=False).metrics == {}
+
+
+def test_the_order_of_poses_in_memory_rounds_no_score():
+    """An oracle of trains has its samples first in memory, and a stored one its axles, by which sums once rounded."""
+    n, random = 1001, np.random.default_rng(0)
+    log = Log(0.5 * np.arange(n), np.zeros((n, 6)), np.empty((n, 0)), reference=random.normal(size=(n, 9)))
+    episode = Episode(cfmmr(3), (Run(log),))
+    for _ in range(20):
+        estimate = random.normal(size=(len(episode.runs[0].samples), 3, 3)).swapaxes(0, 1)
+        assert score(episode, [estimate]) == score(episode, [estimate.copy()])
 
 
 def test_oracle_and_standing_still_are_scored_again_too(stored):
