@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -104,11 +104,19 @@ class LogColumns(NamedTuple):
             ages = [name for name in age if name in names]
             if ages and not any(name in names for name in of):
                 raise complaint(path, line, ages[0], f"is the age of {of[0]!r} and the others, which are missing")
-        for part, expected in self._asdict().items():
-            required = part in ("t", "wheel", "pivot") or any(name in names for name in expected)
-            for name in expected if required else ():
-                if name not in (*names, *HEADINGS):
-                    raise complaint(path, line, name, f"is missing; {self._hint(name, names)}")
+        missing = self._missing(names)
+        if missing:
+            raise complaint(path, line, missing[0], f"is missing; {self._hint(missing, names)}")
+
+    def _missing(self, names: Sequence[str]) -> list[str]:
+        """Return the columns that a header lacks."""
+        return [
+            name
+            for part, expected in self._asdict().items()
+            if part in ("t", "wheel", "pivot") or any(name in names for name in expected)
+            for name in expected
+            if name not in (*names, *HEADINGS)
+        ]
 
     def _foreign(self, name: str) -> bool:
         """Return whether an unknown column is one of trains, where this vehicle is a robot or a shorter train."""
@@ -126,14 +134,20 @@ class LogColumns(NamedTuple):
                 message = f"{vehicle.name!r} has no castor {int(encoder[1])}; give the robot that made the log"
                 raise complaint(path, line, name, message)
 
-    def _hint(self, missing: str, names: Sequence[str]) -> str:
-        known = self.known
+    def _hint(self, missing: Sequence[str], names: Sequence[str]) -> str:
+        """Return what to do about missing columns: where each has a similar name in the header, it may be called so."""
+        known, given = self.known, "give the robot or train that made the log"
         unknown = {name.lower(): name for name in names if name not in known}
-        near = difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)
-        if near:
-            return f"did you mean {unknown[near[0]]!r}? rename it"
+        near = {name for column in missing for name in _nearest(column, unknown)}
+        if len(near) == len(missing):
+            return f"did you mean {unknown[_nearest(missing[0], unknown)[0]]!r}? rename it, or {given}"
         other = "" if known.intersection(names) - {"t"} else _OTHER_PROGRAM
-        return f"the header has {listed(names)}; add the column, or give the robot or train that made the log{other}"
+        return f"the header has {listed(names)}; add the column, or {given}{other}"
+
+
+def _nearest(missing: str, unknown: Collection[str]) -> list[str]:
+    """Return the name most similar to a missing column's, none where none is similar."""
+    return difflib.get_close_matches(missing, unknown, n=1, cutoff=0.4 if missing == "t" else 0.6)
 
 
 def listed(names: Sequence[str]) -> str:

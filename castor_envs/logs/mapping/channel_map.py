@@ -146,7 +146,9 @@ class ChannelMap:
             place = f"{name}: columns.{key}"
             made = {*columns.t, *columns.fix_age}  # from the times of readings
             if key in made or key not in columns.known:
-                raise InputError(f"{place}: is no column of {robot.name!r}{did_you_mean(key, columns.known - made)}")
+                known = did_you_mean(key, columns.known - made)
+                problem = f"is no column of {robot.name!r}; give the robot that was recorded, or another column{known}"
+                raise InputError(f"{place}: {problem}")
             if column.source not in self.places:
                 problem = f"unknown source {column.source!r}{did_you_mean(column.source, self.places)}"
                 raise InputError(f"{place}.source: {problem}")

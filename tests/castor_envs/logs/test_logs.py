@@ -268,6 +268,7 @@ MISTAKES = [
     ("t,wheel_1l,wheel1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 'wheel_1r': is missing; did you mean 'wheel1r'"),
     ("t,Wheel_1L,wheel_1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 'wheel_1l': is missing; did you mean 'Wheel_1L'"),
     ("time,wheel_1l,wheel_1r\n0,0,0\n1,1,1\n", r"log.csv:1: column 't': is missing; did you mean 'time'"),
+    ("t,wheel1l,wheel1r\n0,0,0\n1,1,1\n", r"'wheel1l'\? rename it, or give the robot or train that made the log"),
     ("t,wheel_1l,wheel_1r,ref_x,ref_psi\n0,0,0,0,0\n", r"log.csv:1: column 'ref_y': is missing"),
     ("t,wheel_1l,wheel_1r,cmd_1r\n0,0,0,0\n", r"log.csv:1: column 'cmd_1l': is missing"),
     ("t,wheel_1l,wheel_1r,t\n0,0,0,0\n", r"log.csv:1: column 't': appears twice, at places 1 and 4"),
@@ -570,6 +571,20 @@ def test_a_trains_reading_beyond_all_measure_is_refused_by_its_column(tmp_path, 
     log = Log(np.array([0.0, 1.0]), np.zeros((2, 6)), np.empty((2, 0)), rps=rps, rps_age=age)
     with pytest.raises(InputError, match=rf":3: column '{column}': .* is beyond"):
         write_log(tmp_path / "log.csv", log, TRAIN)
+
+
+@pytest.mark.parametrize(
+    ("vehicle", "header", "first"),
+    [(DIFFERENTIAL, "t,wheel_1,pivot_1", "wheel_1l"), (preset("tricycle"), "t,wheel_1l,wheel_1r", "wheel_1")],
+)
+def test_nothing_is_to_be_renamed_in_a_log_of_another_robot(tmp_path, vehicle, header, first):
+    """A similar name for one of the missing columns leaves the others missing."""
+    (tmp_path / "log.csv").write_text(f"{header}\n0,0,0\n1,1,1\n")
+    with pytest.raises(
+        InputError, match=f"column {first!r}: is missing; the header has {header.replace(',', ', ')};"
+    ) as error:
+        read_log(tmp_path / "log.csv", vehicle)
+    assert "or give the robot or train that made the log" in str(error.value)
 
 
 def test_counts_are_exact_up_to_their_bound(tmp_path):

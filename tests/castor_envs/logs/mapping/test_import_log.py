@@ -440,7 +440,10 @@ POSE = {key: {"channel": key[4:].replace("psi", "yaw"), "unit": unit} for key, u
     [
         ({"wheel_1l": {"unit": "rads"}}, ["columns.wheel_1l.unit", "'rads' does not fit wheel_1l", "counts, rev, deg"]),
         ({"wheel_1l": None}, ["columns.wheel_1l", "is missing", "counts_per_rev"]),
-        ({"wheel_2l": {"unit": "rad"}}, ["columns.wheel_2l", "no column of", "did you mean 'wheel_1l'"]),
+        (
+            {"wheel_2l": {"unit": "rad"}},
+            ["columns.wheel_2l", "no column of", "give the robot that was recorded", "did you mean 'wheel_1l'"],
+        ),
         ({"wheel_1l": {"unit": "rad", "channel": "?"}}, ["columns.wheel_1l.channel", "is still '?'"]),
         ({"wheel_1l": {"unit": "rad", "channel": "wheel1l"}}, ["columns.wheel_1l", "did you mean 'wheel_1l'"]),
         ({"wheel_1l": {"unit": "rad", "source": "other"}}, ["columns.wheel_1l.source", "'other'", "known: main"]),
