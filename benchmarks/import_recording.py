@@ -38,6 +38,9 @@ def import_source(source: Path, robot: str | None, channel_map: Path | None, out
     """Import whatever a source is, and print what was done; raises InputError for what cannot be."""
     if recognised(source) is None and source.is_dir():
         if not any(importer.recognises(source) for importer in importers().values()):
+            inside = next((path for path in sorted(source.iterdir()) if recognised(path) is not None), None)
+            if inside is not None:
+                raise InputError(f"{source}: is a folder; name a recording in it, such as {inside}")
             known = f"recordings ({', '.join(formats())}) and published data ({', '.join(importers())})"
             raise InputError(f"{source}: no importer recognises what is in it; known are {known}")
         if robot is not None or channel_map is not None:

@@ -65,6 +65,14 @@ def test_what_no_importer_knows_is_refused_in_one_line(tmp_path, capsys):
     assert not (tmp_path / "out").exists()
 
 
+def test_of_a_folder_of_recordings_one_is_to_be_named(tmp_path, capsys):
+    for name in ("b.csv", "a.csv"):
+        (tmp_path / name).write_text("t,left,right\n0,0,0\n1,1,1\n")
+    code, printed, said = call(capsys, "import", tmp_path, "--robot", "differential")
+    assert (code, printed) == (2, "")
+    assert said == f"error: {tmp_path}: is a folder; name a recording in it, such as {tmp_path / 'a.csv'}\n"
+
+
 def test_what_is_read_is_never_replaced_and_what_cannot_be_written_says_so(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     text = "t,wheel_1l,wheel_1r\n0,0,0\n1,1,1\n2,2,2\n"
