@@ -103,10 +103,14 @@ class Places:
         return {int(number) for number in _NUMBER.findall(name)}
 
     def remark(self, by: ChannelMap) -> str | None:
-        """Return what to say of a first map that takes castors by numbers in names, None where there is nothing."""
-        columns = {key: column for key, column in by.columns.items() if key.startswith(("wheel_", "pivot_"))}
-        channels = {name for key, column in columns.items() for name in column.channels if name != key}
-        if len(self.castors) < 2 or all(self.says_castor(name) for name in channels - {UNDECIDED}):
+        """Return what to say of a first map that takes castors by numbers in names, None where there is nothing; no
+        castor is taken for another that is the only one with wheels, or with pivots, to be read."""
+        channels = set[str]()
+        for kind in ("wheel_", "pivot_"):
+            columns = {key: column for key, column in by.columns.items() if key.startswith(kind)}
+            if len({_NUMBER.findall(key)[0] for key in columns}) > 1:
+                channels |= {name for key, column in columns.items() for name in column.channels if name != key}
+        if all(self.says_castor(name) for name in channels - {UNDECIDED}):
             return None
         named = [
             " ".join(filter(None, (("", "front", "rear")[fore], ("", "left", "right")[side]))) or "in the middle"

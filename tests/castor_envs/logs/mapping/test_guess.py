@@ -134,6 +134,14 @@ def test_an_order_that_no_name_says_is_remarked_upon():
     assert remark(*(f"{part}_{k}" for k in range(1, 5) for part in ("wheel", "pivot"))) is None  # a log's own columns
 
 
+def test_one_castor_with_encoders_has_no_order():
+    robot = preset("tricycle")
+    found = {name: Found(count=10) for name in ("/joints position[traction_joint]", "/joints position[steer_joint]")}
+    guess = guess_map(found, Clock("header"), robot)
+    assert [column.channel for column in guess.columns.values()] == list(found)
+    assert Places(robot, found).remark(guess) is None
+
+
 def test_positions_go_before_speeds():
     names = [f"/joint_states {what}[{side}_wheel]" for what in ("velocity", "position") for side in ("right", "left")]
     assert guessed("differential", *names)["wheel_1l"] == ("/joint_states position[left_wheel]", "rad")
