@@ -15,7 +15,7 @@ from castor_envs.files import writing
 from castor_envs.logs import ChannelMap, guess_map, import_log, open_recording, survey, write_log
 from castor_envs.logs.importers import import_sessions, importers
 from castor_envs.logs.mapping.channel_map import UNDECIDED, Column, Source
-from castor_envs.logs.mapping.guess import possible_wheels
+from castor_envs.logs.mapping.guess import lacks_heading, possible_wheels
 from castor_envs.logs.mapping.places import Places
 from castor_envs.logs.mapping.said_units import says_unit
 from castor_envs.logs.recordings import formats, recognised
@@ -127,6 +127,8 @@ def _show(source: Path, robot: str | None, out: Path | None) -> None:
     _print_guess(guessed)
     if pose and all(key in pose or key in undecided for key in guessed.columns):
         print("note: no name says which channel is a wheel's; if none is, this is the reference of another recording")
+    if lacks_heading(pose):
+        print("note: no name says which channel is the heading of the reference; if one is, map it to ref_psi")
     if remark := Places(described).remark(guessed):
         print(f"note: {remark}")
     if there:

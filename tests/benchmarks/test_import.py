@@ -304,6 +304,17 @@ def test_wheels_that_no_name_tells_are_to_be_chosen_beside_a_reference(tmp_path,
     }  # fmt: skip
 
 
+@pytest.mark.parametrize(("heading", "said"), [("Mocap Gier [deg]", True), ("Mocap Yaw [deg]", False)])
+def test_a_heading_that_no_name_tells_is_asked_for_beside_positions(tmp_path, capsys, monkeypatch, heading, said):
+    monkeypatch.chdir(tmp_path)
+    rows = "".join(f"{k},{9 * k},{9 * k},{k},0,{k}\n" for k in range(5))
+    Path("run.csv").write_text(f"t,left_ticks,right_ticks,Mocap X [mm],Mocap Y [mm],{heading}\n{rows}")
+    _, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential")
+    assert "  ref_y: Mocap Y [mm] (mm)" in printed.splitlines()
+    asked = "note: no name says which channel is the heading of the reference; if one is, map it to ref_psi"
+    assert (asked in printed.splitlines()) == said
+
+
 @pytest.mark.parametrize(
     ("names", "units"),
     [

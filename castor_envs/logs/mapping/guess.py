@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from operator import itemgetter
 
@@ -112,6 +112,17 @@ def possible_wheels(found: Iterable[str]) -> list[str]:
     trackers, odometry, TF and IMUs, commands, and quantities that are no motion. A side, as of ``omega_left``, makes it
     a wheel's, unless it is that of a topic or of a pose."""
     return [name for name in found if _may_be_wheel(name)]
+
+
+def is_estimate(words: Collection[str]) -> bool:
+    """Return whether a pose is the robot's own, computed or commanded, by the words of its channel's name."""
+    return bool({*words} & (ESTIMATED | COMMANDED)) and not {*words} & TRUSTED
+
+
+def lacks_heading(columns: Mapping[str, Column]) -> bool:
+    """Return whether a map's reference has no heading, though its positions are no receiver's and no prism's."""
+    positions = [name for key in ("ref_x", "ref_y") if key in columns for name in columns[key].channels]
+    return bool(positions) and "ref_psi" not in columns and not any(words_of(name) & LOCATED for name in positions)
 
 
 def _may_be_wheel(name: str) -> bool:
@@ -236,7 +247,7 @@ def _reference(names: tuple[str, ...], found: Mapping[str, Found]) -> dict[str, 
         if words & LOCATED and parts.get("heading") not in live:
             parts.pop("heading", None)
         needed = {"x", "y"} if words & (LOCATED | TRUSTED) else {"x", "y", "heading"}
-        if needed <= set(parts) and (not words & (ESTIMATED | COMMANDED) or words & TRUSTED):
+        if needed <= set(parts) and not is_estimate(words):
             fitting[words] = parts
     if not fitting:
         return {}

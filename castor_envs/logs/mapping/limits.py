@@ -10,6 +10,8 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
 from castor_envs.logs.log import Log
 from castor_envs.logs.mapping.channel_map import ChannelMap, Column
+from castor_envs.logs.mapping.guess import is_estimate
+from castor_envs.logs.mapping.places import words_of
 from castor_envs.logs.mapping.said_units import says_speed
 from castor_envs.logs.mapping.units import TURN, counts_in, kind_of
 from castor_envs.logs.pace import unit_meant
@@ -32,7 +34,8 @@ LEAST_BITS = 8
 
 def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[str]:
     """Yield where log and robot file differ: wheels beyond its limit, rows at another rate, a gyro or fixes that it
-    lacks, encoders that stand, speeds that the map takes for angles, and jumps that no wheel and no castor makes."""
+    lacks, encoders that stand, speeds that the map takes for angles, the robot's own pose that it takes for a
+    reference, and jumps that no wheel and no castor makes."""
     if log.fix is not None and robot.fixes is None:
         yield 'fix_x: the robot file has no "fixes", so that estimators do not use them; add them, with their noise'
     if log.gyro is not None and robot.gyro is None:
@@ -40,6 +43,7 @@ def limit_notes(robot: RobotDescription, by: ChannelMap, log: Log) -> Iterator[s
     columns = LogColumns.of(robot)
     yield from _still_notes(columns, by, log)
     yield from _speed_notes(columns, by)
+    yield from _estimate_notes(columns, by)
     steps = np.diff(log.t)
     period = float(np.median(steps))
     paces = np.maximum(steps, period)  # messages that were held up come all at once
@@ -94,6 +98,15 @@ def _speed_notes(columns: LogColumns, by: ChannelMap) -> Iterator[str]:
         if column is not None and kind_of(column.unit) == "position" and any(map(says_speed, column.channels)):
             said = f"{key}: {column.channel!r} is a speed by its name, {column.unit!r} is none"
             yield f"{said}: are channel and unit right?"
+
+
+def _estimate_notes(columns: LogColumns, by: ChannelMap) -> Iterator[str]:
+    """Yield that a map takes a pose for the reference that the robot computed itself, by its name."""
+    mapped = {key: by.columns[key] for key in columns.reference if key in by.columns}
+    found = [key for key, column in mapped.items() if any(is_estimate(words_of(name)) for name in column.channels)]
+    if found:
+        said = f"{mapped[found[0]].channel!r} is the robot's own pose by its name, which is no reference"
+        yield f"{', '.join(found)}: {said}: estimators are compared with it; is there a pose from outside?"
 
 
 def _usual(counts: Array, paces: Array) -> float:

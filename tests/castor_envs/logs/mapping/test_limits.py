@@ -154,3 +154,26 @@ def test_times_in_another_unit_than_the_map_says_are_said(tmp_path, time, steps,
     assert all(
         said in note and (("sample_period is 0.02 s: mend that" in note) == (said == "mend that")) for note in told
     )
+
+
+@pytest.mark.parametrize(
+    ("pose", "said"),
+    [
+        ("/tf odom>base_link.{}", True),
+        ("/amcl_pose pose.pose.{}", True),
+        ("/vicon/odom pose.{}", False),
+        ("/tf map>marker.{}", False),
+    ],
+)
+def test_a_reference_that_the_robot_computed_itself_is_said(tmp_path, pose, said):
+    names = {"ref_x": pose.format("x"), "ref_y": pose.format("y"), "ref_psi": pose.format("heading")}
+    rows = (f"{t},{n},{n},{0.001 * k},0,0" for k, (t, n) in enumerate(zip(T.tolist(), COUNTS.tolist(), strict=True)))
+    (tmp_path / "run.csv").write_text("\n".join([",".join(("t", "left", "right", *names.values())), *rows]) + "\n")
+    columns = {f"wheel_1{side[0]}": {"channel": side, "unit": "counts"} for side in ("left", "right")}
+    columns |= {key: {"channel": name, "unit": "rad" if key == "ref_psi" else "m"} for key, name in names.items()}
+    by = ChannelMap.from_dict({"format": "castor-map/1", "sources": {"main": {"time": "t"}}, "columns": columns})
+    told = [
+        note for note in import_log(tmp_path / "run.csv", ROBOT, by).notes if note.startswith("ref_x, ref_y, ref_psi")
+    ]
+    assert len(told) == said
+    assert all(f"{names['ref_x']!r} is the robot's own pose by its name, which is no reference" in one for one in told)
