@@ -12,8 +12,10 @@ from castor_envs.cli import command_line
 from castor_envs.logs.csv import read_log
 from castor_envs.vehicles.load import load_vehicle
 from castor_envs.vehicles.presets import preset
+from discrepancy import cli as discrepancy_cli
 
 ROOT = Path(__file__).parents[1]
+NUMBER = re.compile(r"\d+(?:\.\d+)?")
 PAGES = ("physics", "effects", "diagnosis-method", "diagnosis-trials", "logs", "policies")
 
 
@@ -46,6 +48,23 @@ def test_the_diagnosed_robot_is_recorded_without_its_effect(tmp_path, monkeypatc
     for folder in ("log", "holdout"):
         assert load_vehicle(f"{folder}/robot.json") == described
         assert len(read_log(Path(folder, "episode-0000.csv"), described)) > 100
+
+
+@pytest.mark.slow
+def test_the_diagnosed_robot_is_told_as_its_page_says(tmp_path, monkeypatch, capsys):
+    """The numbers to a hundredth, or to the last digit that is printed: other machines round otherwise."""
+    (_, code), (_, typed), (_, said) = re.findall(r"```(\w+)\n(.*?)```", page("diagnose"), flags=re.S)[:3]
+    (tmp_path / "hide.py").write_text(code)
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path("hide.py")
+    with pytest.raises(SystemExit) as leaving:
+        command_line.run(discrepancy_cli.app, typed.splitlines()[1].split()[1:])
+    assert leaving.value.code == 0
+    printed = capsys.readouterr().out
+    assert NUMBER.sub("#", printed) == NUMBER.sub("#", said)
+    for shown, now in zip(NUMBER.findall(said), NUMBER.findall(printed), strict=True):
+        digit = 10.0 ** -len(shown.partition(".")[2])
+        assert float(now) == pytest.approx(float(shown), rel=0.01, abs=digit), (shown, now)
 
 
 def test_the_effects_of_the_example_stand_in_its_file(tmp_path, monkeypatch):
