@@ -10,8 +10,10 @@ components are integrated out, as intervals of correlated effects would be too n
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import log_ndtr
 
 from castor_envs.geometry.arrays import Array
@@ -112,30 +114,65 @@ class Posterior:
         return tuple(names)
 
 
+class _Group(NamedTuple):
+    """The hypotheses of c sizes each, n of them: their numbers `of` (n,), and those of their sizes among all (n, c).
+
+    seen (n, c, c): information on the sizes. axes: from `_axes_of`. precision (n, scales, 1): of the normal
+    distributions in the prior's mixture.
+    """
+
+    of: NDArray[np.intp]
+    sizes: NDArray[np.intp]
+    seen: Array
+    axes: tuple[Array, Array]
+    precision: Array
+
+
+class _Given(NamedTuple):
+    """Of the hypotheses of a group, beside other components: the principal axes of the sizes (n, c, c), the log Bayes
+    factor (n,) against nothing, the log probabilities (n, scales) of the normal distributions in the prior's mixture,
+    and means and variances (n, scales, c) along the axes."""
+
+    axes: Array
+    log_factor: Array
+    mixture: Array
+    mean: Array
+    variance: Array
+
+
 class SingleEffects:
     """Hypotheses and an information matrix, with all quantities that stay the same while a posterior is computed."""
 
     def __init__(self, hypotheses: Sequence[Hypothesis], information: Array) -> None:
         """information (m, m), positive semidefinite."""
+        from scipy.sparse import csr_array  # slow to import
+
         self.hypotheses, self.information = tuple(hypotheses), information
-        h, m = len(self.hypotheses), len(information)
-        sizes = np.array([hypothesis.direction.shape[1] for hypothesis in self.hypotheses], dtype=np.intp)
-        self._most_sizes, self._several = int(sizes.max(initial=1)), sizes > 1
-        self._rays = np.zeros((h * self._most_sizes, m))
-        for k, hypothesis in enumerate(self.hypotheses):
-            self._rays[self._most_sizes * k :][: sizes[k]] = hypothesis.direction.T
-        self._seen = self._blocks(self._rays @ information, self._rays)
-        self._axes = self._axes_of(self._seen)
+        counts = np.array([hypothesis.direction.shape[1] for hypothesis in self.hypotheses], dtype=np.intp)
+        self._count, self._several, self._first = int(counts.sum()), counts > 1, np.cumsum(counts) - counts
+        directions = [hypothesis.direction.T for hypothesis in self.hypotheses]
+        self._rays = csr_array(np.concatenate([np.zeros((0, len(information))), *directions]))  # 0 but for few numbers
         numbers = np.array(
             [(hypothesis.scale, hypothesis.prior, hypothesis.least, hypothesis.most) for hypothesis in self.hypotheses]
-        ).reshape(h, 4)
+        ).reshape(len(counts), 4)
         self._log_prior = np.log(numbers[:, 1] / numbers[:, 1].sum()) + np.log1p(-NOTHING)
         ends = ((numbers[:, 2], -np.inf), (numbers[:, 3], np.inf))
         self._least, self._most = (np.where(self._several, free, end) for end, free in ends)
-        self._precision = (numbers[:, :1] * SCALES)[:, :, None] ** -2.0  # (h, scales, 1)
         self._bounded = np.isfinite(self._least) | np.isfinite(self._most)
         cuts = (end[self._bounded, None] / (numbers[self._bounded, :1] * SCALES) for end in (self._least, self._most))
-        self._log_allowed = np.logaddexp.reduce(LOG_WEIGHTS + _cut(*cuts)[0], axis=1)  # mass of the prior within bounds
+        self._log_allowed = np.zeros(len(counts))  # mass of the prior within bounds
+        self._log_allowed[self._bounded] = np.logaddexp.reduce(LOG_WEIGHTS + _cut(*cuts)[0], axis=1)
+        products = (self._rays @ information) @ self._rays.T
+        self._strength = np.diagonal(products)[self._first]  # of each hypothesis's first size
+        self._groups = [self._group(count, counts, numbers[:, :1], products) for count in np.unique(counts).tolist()]
+
+    def _group(self, count: int, counts: NDArray[np.intp], scales: Array, products: Array) -> _Group:
+        """Return the hypotheses of so many sizes; counts (h,), scales (h, 1): of all; products: information on all
+        sizes."""
+        of = np.flatnonzero(counts == count)
+        sizes = self._first[of, None] + np.arange(count)
+        seen = products[sizes[:, :, None], sizes[:, None, :]]
+        return _Group(of, sizes, seen, _axes_of(seen), (scales[of] * SCALES)[:, :, None] ** -2.0)
 
     def posterior(self, score: Array, count: int = MOST) -> Posterior:
         """Return the posterior of a sum of `count` single effects, given the score (m,) at b = 0."""
@@ -149,12 +186,13 @@ class SingleEffects:
     def sizes(self, score: Array, k: int, others: Sequence[Component]) -> tuple[Array, Array]:
         """Return the sizes (c,) of hypothesis k, given that it is there, and their covariance (c, c), whatever the
         sizes of the other components are."""
-        turned, _, mixture, mean, variance = self._given(score, others)
-        weight = np.exp(mixture[k])[:, None]
-        average = np.sum(weight * mean[k], axis=0)
-        spread = np.sum(weight * (variance[k] + (mean[k] - average) ** 2), axis=0)
-        c = self.hypotheses[k].direction.shape[1]
-        return (turned[k] @ average)[:c], ((turned[k] * spread) @ turned[k].T)[:c, :c]
+        group = next(group for group in self._groups if k in group.of)
+        found = self._given(group, *self._beside(score, others))
+        n = int(np.searchsorted(group.of, k))
+        weight = np.exp(found.mixture[n])[:, None]
+        average = np.sum(weight * found.mean[n], axis=0)
+        spread = np.sum(weight * (found.variance[n] + (found.mean[n] - average) ** 2), axis=0)
+        return found.axes[n] @ average, (found.axes[n] * spread) @ found.axes[n].T
 
     def _converged(self, score: Array, start: Sequence[Component], rounds: int) -> Posterior:
         found = list(start)
@@ -181,49 +219,41 @@ class SingleEffects:
 
     def _component(self, score: Array) -> Component:
         """Return the posterior of a component, given the score left by the other components."""
-        turned, log_factor, mixture, mean, variance = self._given(score)
+        given = [self._given(group, self._rays @ score) for group in self._groups]
+        log_factor, along, square = np.zeros(len(self.hypotheses)), np.zeros(self._count), 0.0
+        for group, found in zip(self._groups, given, strict=True):
+            log_factor[group.of] = found.log_factor
         log_each = self._log_prior + log_factor
         log_evidence = float(np.logaddexp.reduce(np.append(log_each, np.log(NOTHING))))
         probability = np.exp(log_each - log_evidence)
-        weight = probability[:, None, None] * np.exp(mixture)[:, :, None]
-        along = np.einsum("hij,hkj->hi", turned, weight * mean)
-        squares = np.einsum("hki,hkj->hij", weight * mean, mean)
-        each = np.arange(self._most_sizes)
-        squares[:, each, each] += np.sum(weight * variance, axis=1)
-        squares = turned @ squares @ np.swapaxes(turned, 1, 2)
-        expected, square = along.ravel() @ self._rays, float(np.sum(self._seen * squares))
+        for group, found in zip(self._groups, given, strict=True):
+            weight = probability[group.of][:, None, None] * np.exp(found.mixture)[:, :, None]
+            along[group.sizes] = np.einsum("hij,hkj->hi", found.axes, weight * found.mean)
+            squares = np.einsum("hki,hkj->hij", weight * found.mean, found.mean)
+            each = np.arange(squares.shape[1])
+            squares[:, each, each] += np.sum(weight * found.variance, axis=1)
+            square += float(np.sum(group.seen * (found.axes @ squares @ np.swapaxes(found.axes, 1, 2))))
+        expected = self._rays.T @ along
         divergence = float(score @ expected) - square / 2 - log_evidence
         return Component(float(np.exp(np.log(NOTHING) - log_evidence)), probability, expected, square, divergence)
 
-    def _beside(self, score: Array, others: Sequence[Component]) -> tuple[Array, Array]:
-        """Return information (h, c, c) and score (h, c) of the sizes of every hypothesis beside other components.
+    def _beside(self, score: Array, others: Sequence[Component]) -> tuple[Array, tuple[Array, Array] | None]:
+        """Return the score of all sizes beside other components, and two factors (sizes, free) of what these take of
+        the information on sizes; None if they take nothing.
 
         Components that are more likely there than not keep what they are, but their sizes are integrated out: the size
         of a component and those of others are correlated. Of the others the mean is subtracted.
         """
         there = [component for component in others if component.nothing < 0.5 and np.any(component.mean)]
         score = score - self.information @ sum((o.mean for o in others if o not in there), np.zeros(len(score)))
-        slope, seen = (self._rays @ score).reshape(-1, self._most_sizes), self._seen
-        if there:
-            free = np.concatenate([self._free(component) for component in there])
-            by_free = free @ self.information
-            solve = pseudo_inverse(by_free @ free.T)
-            crossed = self._rays @ by_free.T
-            slope = slope - (crossed @ (solve @ (free @ score))).reshape(slope.shape)
-            seen = seen - self._blocks(crossed @ solve, crossed)
-        return seen, slope
-
-    def _axes_of(self, seen: Array) -> tuple[Array, Array]:
-        """Return the strengths (h, c) and the principal axes (h, c, c) of the information (h, c, c) on sizes."""
-        turned = np.tile(np.eye(self._most_sizes), (len(seen), 1, 1))
-        strength = np.diagonal(seen, axis1=1, axis2=2).copy()
-        strength[self._several], turned[self._several] = np.linalg.eigh(seen[self._several])
-        return np.maximum(strength, 0.0), turned
-
-    def _blocks(self, left: Array, right: Array) -> Array:
-        """Return for each hypothesis the products (h, c, c) of its c rows of two arrays (h c, m)."""
-        rows = (part.reshape(-1, self._most_sizes, part.shape[1]) for part in (left, right))
-        return np.einsum("him,hjm->hij", *rows, optimize=True)
+        slope = self._rays @ score
+        if not there:
+            return slope, None
+        free = np.concatenate([self._free(component) for component in there])
+        by_free = free @ self.information
+        solve = pseudo_inverse(by_free @ free.T)
+        crossed = self._rays @ by_free.T
+        return slope - crossed @ (solve @ (free @ score)), (crossed @ solve, crossed)
 
     def _free(self, component: Component) -> Array:
         """Return the contributions to b (sizes, m) that a component may have in any multiple."""
@@ -232,33 +262,33 @@ class SingleEffects:
             return component.mean[None]
         return self.hypotheses[k].direction.T * np.linalg.norm(component.mean)
 
-    def _given(self, score: Array, others: Sequence[Component] = ()) -> tuple[Array, Array, Array, Array, Array]:
-        """Return for every hypothesis, beside other components of any size, the principal axes of its sizes (h, c, c),
-        the log Bayes factor (h,) against nothing, the log probabilities (h, scales) of the normal distributions in its
-        prior's mixture, and means and variances (h, scales, c) along the axes."""
-        seen, slope = self._beside(score, others)
-        strength, turned = self._axes if seen is self._seen else self._axes_of(seen)
-        variance = 1 / (strength[:, None, :] + self._precision)
-        slope = np.einsum("hij,hi->hj", turned, slope)[:, None, :]
-        mean = slope * variance
-        log_factor = np.sum(slope * mean / 2 + np.log(variance * self._precision) / 2, axis=-1)
-        bounded = self._bounded
+    def _given(self, group: _Group, slope: Array, taken: tuple[Array, Array] | None = None) -> _Given:
+        """Return what is found of a group's hypotheses, given what `_beside` returns."""
+        (strength, turned), of = group.axes, group.of
+        if taken is not None:
+            left, right = (factor[group.sizes] for factor in taken)
+            strength, turned = _axes_of(group.seen - left @ np.swapaxes(right, 1, 2))
+        variance = 1 / (strength[:, None, :] + group.precision)
+        along = np.einsum("hij,hi->hj", turned, slope[group.sizes])[:, None, :]
+        mean = along * variance
+        log_factor = np.sum(along * mean / 2 + np.log(variance * group.precision) / 2, axis=-1)
+        bounded = self._bounded[of]
         if bounded.any():
-            lower, upper = self._least[bounded, None], self._most[bounded, None]
+            lower, upper = self._least[of][bounded, None], self._most[of][bounded, None]
             middle, width = mean[bounded, :, 0], np.sqrt(variance[bounded, :, 0])
             log_mass, moved, narrowed = _cut((lower - middle) / width, (upper - middle) / width)
-            log_factor[bounded] += log_mass - self._log_allowed[:, None]
+            log_factor[bounded] += log_mass - self._log_allowed[of][bounded, None]
             mean[bounded, :, 0], variance[bounded, :, 0] = middle + width * moved, width**2 * narrowed
         joint: Array = LOG_WEIGHTS + log_factor
         total: Array = np.logaddexp.reduce(joint, axis=1)
-        return turned, total, joint - total[:, None], mean, variance
+        return _Given(turned, total, joint - total[:, None], mean, variance)
 
     def _pairs(self, score: Array) -> list[tuple[Component, Component]]:
         """Return the pairs of hypotheses with the largest joint log-likelihood ratio, as components to start from."""
-        strength = self._seen[:, 0, 0]
+        strength = self._strength
         single = ~self._several & (strength > 0)
         best: dict[str, int] = {}
-        slope = (self._rays @ score)[:: self._most_sizes] / np.sqrt(np.where(strength > 0, strength, 1.0))
+        slope = (self._rays @ score)[self._first] / np.sqrt(np.where(strength > 0, strength, 1.0))
         for k in np.flatnonzero(single).tolist():
             name = self.hypotheses[k].name
             if name not in best or abs(slope[k]) > abs(slope[best[name]]):
@@ -266,7 +296,7 @@ class SingleEffects:
         chosen = np.array(list(best.values()), dtype=np.intp)
         if len(chosen) < 2:
             return []
-        rays = self._rays[self._most_sizes * chosen] / np.sqrt(strength[chosen])[:, None]
+        rays = self._rays[self._first[chosen]].toarray() / np.sqrt(strength[chosen])[:, None]
         cosine, slopes = np.clip(rays @ self.information @ rays.T, -1.0, 1.0), slope[chosen]
         sine = np.where(1 - cosine**2 > PARALLEL, 1 - cosine**2, np.inf)
         gain = np.triu((slopes[:, None] ** 2 + slopes**2 - 2 * cosine * np.outer(slopes, slopes)) / sine, 1)
@@ -275,14 +305,20 @@ class SingleEffects:
 
     def _pair(self, score: Array, first: int, second: int) -> tuple[Component, Component]:
         """Return components that are these two hypotheses with certainty, with maximum-likelihood sizes."""
-        rays = self._rays[[self._most_sizes * first, self._most_sizes * second]]
+        rays = self._rays[self._first[[first, second]]].toarray()
         sizes = least_squares(rays @ self.information @ rays.T, rays @ score)
         pair = []
         for k, ray, size in zip((first, second), rays, sizes.tolist(), strict=True):
             surely = np.zeros(len(self.hypotheses))
             surely[k] = 1.0
-            pair.append(Component(0.0, surely, size * ray, size**2 * float(self._seen[k, 0, 0]), 0.0))
+            pair.append(Component(0.0, surely, size * ray, size**2 * float(self._strength[k]), 0.0))
         return pair[0], pair[1]
+
+
+def _axes_of(seen: Array) -> tuple[Array, Array]:
+    """Return the strengths (h, c) and the principal axes (h, c, c) of the information (h, c, c) on sizes."""
+    strength, turned = (seen[:, 0], np.ones_like(seen)) if seen.shape[1] == 1 else np.linalg.eigh(seen)
+    return np.maximum(strength, 0.0), turned
 
 
 def _cut(low: Array, high: Array) -> tuple[Array, Array, Array]:
