@@ -36,7 +36,8 @@ class Rows(NamedTuple):
     at (k,): the sample, none before the last. values (k, rows). start, end, numbers map a slice of equations to
     derivatives: by the state at that sample (k, rows, m), at the next sample (or None), and by n numbers: parameters,
     mount, clock, and those of a gyro (k, rows, n). drawn (k, rows, probes): drawn residuals in place of values, of any
-    type of number.
+    type of number. own: where each row depends on one number of the state only, the number of the first, as the next
+    row depends on the next; start and end then map to derivatives (k, rows, 1). None: rows depend on all m.
     """
 
     at: NDArray[np.intp]
@@ -45,6 +46,7 @@ class Rows(NamedTuple):
     end: Callable[[slice], Array] | None = None
     numbers: Callable[[slice], Array] | None = None
     drawn: Array | None = None
+    own: int | None = None
 
     def within(self, first: int, last: int) -> slice:
         """Return the equations of samples from `first` to before `last`."""
@@ -67,15 +69,42 @@ class Rows(NamedTuple):
         """Add the products of derivatives by the state with columns (k, rows, c) of chosen equations to a total
         (K, m, c) that begins at sample `first`."""
         at = self.at[chosen] - first
-        add(total, at, np.swapaxes(self.start(chosen), 1, 2) @ right)
-        if self.end is not None:
-            add(total, at + 1, np.swapaxes(self.end(chosen), 1, 2) @ right)
+        for after, derivatives in enumerate((self.start, self.end)):
+            if derivatives is not None and self.own is None:
+                add(total, at + after, np.swapaxes(derivatives(chosen), 1, 2) @ right)
+            elif derivatives is not None:
+                add(total[:, self._numbers], at + after, derivatives(chosen) * right)
 
     def by_state(self, chosen: slice, away: Array) -> Array:
         """Return the changes (k, rows, c) of chosen equations by changes of the state (K, m, c)."""
-        at = self.at[chosen]
-        changes = self.start(chosen) @ away[at]
-        return changes if self.end is None else changes + self.end(chosen) @ away[at + 1]
+        at, by = self.at[chosen], np.matmul if self.own is None else np.multiply
+        away = away[:, self._numbers]
+        changes: Array = by(self.start(chosen), away[at])
+        return changes if self.end is None else changes + by(self.end(chosen), away[at + 1])
+
+    def add_information(self, diagonal: Array, above: Array, first: int, chosen: slice) -> None:
+        """Add the information of chosen equations on each state (K + 1, m, m), and on each with the next (K, m, m), to
+        totals that begin at sample `first`."""
+        start, at = self.start(chosen), self.at[chosen] - first
+        if self.own is None:
+            turned = np.swapaxes(start, 1, 2)
+            add(diagonal, at, turned @ start)
+            if self.end is not None:
+                end = self.end(chosen)
+                add(diagonal, at + 1, np.swapaxes(end, 1, 2) @ end)
+                add(above, at, turned @ end)
+            return
+        diagonal, above = (np.einsum("kii->ki", part)[:, self._numbers] for part in (diagonal, above))  # views
+        add(diagonal, at, start[..., 0] ** 2)
+        if self.end is not None:
+            end = self.end(chosen)
+            add(diagonal, at + 1, end[..., 0] ** 2)
+            add(above, at, start[..., 0] * end[..., 0])
+
+    @property
+    def _numbers(self) -> slice:
+        """The numbers of the state that the rows depend on."""
+        return slice(None) if self.own is None else slice(self.own, self.own + self.values.shape[1])
 
 
 def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> Array:
@@ -87,21 +116,12 @@ def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> A
         diagonal[0] = over
         for rows in kinds:
             chosen = rows.within(first, last)
-            if chosen.start == chosen.stop:
-                continue
-            start, at = rows.start(chosen), rows.at[chosen] - first
-            transposed = np.swapaxes(start, 1, 2)
-            add(diagonal, at, transposed @ start)
-            if rows.end is not None:
-                end = rows.end(chosen)
-                add(diagonal, at + 1, np.swapaxes(end, 1, 2) @ end)
-                add(above, at, transposed @ end)
+            if chosen.start < chosen.stop:
+                rows.add_information(diagonal, above, first, chosen)
         over, following = diagonal[-1], min(last + 1, samples) - first - 1
-        for a in range(size):
-            for b in range(size):
-                if a <= b:
-                    band[block, b, 2 * size - 1 + a - b] = diagonal[:-1, a, b]
-                band[first + 1 : first + 1 + following, b, size - 1 + a - b] = above[:following, a, b]
+        for b in range(size):
+            band[block, b, 2 * size - 1 - b :] = diagonal[:-1, : b + 1, b]
+            band[first + 1 : first + 1 + following, b, size - 1 - b : 2 * size - 1 - b] = above[:following, :, b]
     return band.reshape(samples * size, 2 * size).T
 
 
@@ -112,11 +132,13 @@ def log_determinant(information: Array) -> float:
     return 2 * float(np.sum(np.log(cholesky_banded(information, overwrite_ab=True, check_finite=False)[-1])))
 
 
-def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> Array:
-    """Return products of numbers' derivatives, values and drawn residuals (columns, columns), states eliminated.
+def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> tuple[Array, Array | None]:
+    """Return products of numbers' derivatives, values and drawn residuals (columns, columns), states eliminated; and of
+    no more than one block what these columns times U^-T are (K m, columns), with the factors U; None of more.
 
     factors: upper banded Cholesky factors of the information on states. Columns are computed, and states eliminated,
-    for `BLOCK` samples at a time: all at once they would take a hundred times the memory of a log.
+    for `BLOCK` samples at a time, and few columns for `LARGE`: all at once they would take a hundred times the memory
+    of a log.
     """
     from scipy.linalg import get_lapack_funcs  # slow to import
 
@@ -124,7 +146,8 @@ def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> Array:
     size = len(factors) // 2
     samples = factors.shape[1] // size
     total, over = np.zeros((columns, columns)), np.zeros((size, columns))
-    for samples_of_block in blocks(samples, most_of(columns)):
+    of_samples, half = blocks(samples, most_of(columns)), None
+    for samples_of_block in of_samples:
         first, last = samples_of_block.start, samples_of_block.stop
         block = np.zeros((last - first + 1, size, columns))
         block[0] = over
@@ -142,7 +165,16 @@ def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> Array:
             after = factors[:, last * size : (last + 1) * size]
             above = np.array([[after[size - 1 + a - b, b] for b in range(size)] for a in range(size)])
             over = block[-1] - above.T @ half[-size:]
-    return total
+    return total, half if len(of_samples) == 1 and columns <= FEW else None
+
+
+def solved(factors: Array, half: Array) -> Array:
+    """Return the solution (K m, c) of equations of states with upper banded Cholesky factors U, given U^-T times their
+    right sides, which is overwritten."""
+    from scipy.linalg import get_lapack_funcs  # slow to import
+
+    (solve,) = get_lapack_funcs(("tbtrs",), (factors,))
+    return np.asarray(solve(factors, half, overwrite_b=True)[0], dtype=np.float64)
 
 
 def variances(factors: Array) -> Array:
@@ -185,7 +217,10 @@ def _squared(rows: Array) -> Array:
 
 def add(total: Array, at: NDArray[np.intp], values: Array) -> None:
     """Add values (k, ...) to a total (K, ...) at some samples, several times where a sample comes several times."""
-    if len(at) == at[-1] - at[0] + 1 and np.all(np.diff(at) == 1):
+    apart = np.diff(at)
+    if len(at) == at[-1] - at[0] + 1 and np.all(apart == 1):
         total[at[0] : at[-1] + 1] += values
+    elif np.all(apart > 0):
+        total[at] += values
     else:
         np.add.at(total, at, values)

@@ -15,7 +15,7 @@ Each step ties two samples only, so the normal equations are banded (Cholesky's 
 linearised at the fitted state, not at the readings: rounded regressors would bias the parameters toward zero.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import NamedTuple
@@ -372,30 +372,36 @@ class LogLikelihood(RollingConstraints):
         """
         weights = self._weights(state, noise)
 
-        def kinds_of(geometry: Geometry, slipping: Whitening, mount: Array) -> dict[str, Rows]:
-            return self._linearised(geometry, geometry, np.zeros(0), state, clock, mount, weights, slipping, None)
+        def information(kinds: Collection[Rows]) -> Array:
+            return information_on_states(kinds, *state.shape)
+
+        def of_slips(geometry: Geometry, slipping: Whitening) -> Array:
+            by_state = self._slips_by_state(geometry, state, slipping)
+            return information([Rows(np.arange(len(state) - 1), self._expected, *by_state)])
+
+        def of_poses(mount: Array) -> Array:
+            values = {name: weights[name] * off for name, off in self._poses.off(state, clock, mount).items()}
+            none, of_gyro = np.zeros(0), len(self._gyro.prior.deviation)
+            return information(self._poses.rows(state, clock, mount, weights, values, none, none, of_gyro).values())
 
         def log_volume(information: Array) -> float:
             return -log_determinant(information) / 2
 
         def of_geometry(geometry: Geometry) -> float:
             slipping = self._whitening(geometry, state, noise)
-            of_slips = information_on_states([kinds_of(geometry, slipping, mount)["slips"]], *state.shape)
-            volume = self._log_volume(geometry, state) + log_volume(of_slips + of_others)
+            volume = self._log_volume(geometry, state) + log_volume(of_slips(geometry, slipping) + others)
             return volume + slipping.log_density() - float(np.sum((slipping.weight * slips) ** 2)) / 2
-
-        def of_mount(mount: Array) -> float:
-            return log_volume(information_on_states(kinds_of(geometry, first, mount).values(), *state.shape))
 
         first = self._whitening(geometry, state, noise)
         off = first.applied(slice(None), (self.residuals(geometry, state) - self._expected)[..., None])
         slips = first.of_contacts(slice(None), off)[..., 0] / first.weight
-        others = kinds_of(geometry, first, mount)
-        del others["slips"]
-        of_others = information_on_states(others.values(), *state.shape)
-        at_first, at_mount = of_geometry(geometry), of_mount(mount)
+        kinds = self._linearised(geometry, geometry, np.zeros(0), state, clock, mount, weights, first, None)
+        of_sensors = information([kinds[name] for name in kinds if name in ("first", "counts", "gyro")])
+        others, beside_poses = of_sensors + of_poses(mount), of_sensors + of_slips(geometry, first)
+        at_first, at_mount = of_geometry(geometry), log_volume(beside_poses + of_poses(mount))
         by_geometry = np.array([of_geometry(larger) - at_first for larger in changed]) / change
-        return by_geometry, np.array([of_mount(moved) - at_mount for moved in mount + MOVED * np.eye(3)]) / MOVED
+        by_mount = [log_volume(beside_poses + of_poses(moved)) - at_mount for moved in mount + MOVED * np.eye(3)]
+        return by_geometry, np.array(by_mount) / MOVED
 
     def _of_play(self, variances: Callable[[], Array]) -> float:
         """Return the logarithm by which readings that stand still within a play are likelier than normal variables as
@@ -471,6 +477,25 @@ class LogLikelihood(RollingConstraints):
         slips = slipping.applied(slice(None), (in_constraints - self._expected)[..., None])[..., 0]
         return {name: weights[name] * off for name, off in residuals.items()} | {"slips": slips}
 
+    def _slips_by_state(
+        self, geometry: Geometry, state: Array, slipping: Whitening
+    ) -> tuple[Callable[[slice], Array], Callable[[slice], Array]]:
+        """Return functions that map some steps to derivatives of slips, as independent numbers (k, p, m), by the state
+        at their start and end."""
+        by_start, by_end = self._derivatives(geometry, state)
+        touched = np.any(by_start, axis=0) | np.any(by_end, axis=0)
+        numbers_of = np.argsort(~touched, axis=1, kind="stable")[:, : touched.sum(axis=1).max(initial=1)]
+        of_row = np.arange(len(numbers_of))[:, None]  # a row depends on few numbers of the state
+
+        def by_state(chosen: slice, derivatives: Array) -> Array:
+            by = np.zeros((*derivatives[chosen].shape[:2], state.shape[1]))
+            by[:, of_row, numbers_of] = derivatives[chosen]
+            return slipping.applied(chosen, by)
+
+        few = (derivatives[:, of_row, numbers_of] for derivatives in (by_start, by_end))
+        start, end = (_kept(partial(by_state, derivatives=derivatives), len(derivatives)) for derivatives in few)
+        return start, end
+
     def _linearised(
         self,
         geometry: Geometry,
@@ -484,15 +509,11 @@ class LogLikelihood(RollingConstraints):
         extra: ExtraColumns | None,
     ) -> dict[str, Rows]:
         """Return all equations linearised about a state, by the kinds of `_values`."""
-        samples, eye, first = np.arange(len(state)), np.eye(state.shape[1]), len(change)
+        samples, first = np.arange(len(state)), len(change)
         extra_count, slips = (extra.parameters, extra.slips) if extra else (0, ())
         of_gyro = len(self._gyro.prior.deviation)
         count = first + extra_count + len(mount) + len(clock) + of_gyro
-        residual, (by_start, by_end) = self.residuals(geometry, state), self._derivatives(geometry, state)
-        touched = np.any(by_start, axis=0) | np.any(by_end, axis=0)
-        numbers_of = np.argsort(~touched, axis=1, kind="stable")[:, : touched.sum(axis=1).max(initial=1)]
-        of_row = np.arange(len(numbers_of))[:, None]  # a row depends on few numbers of the state
-        by_start, by_end = by_start[:, of_row, numbers_of], by_end[:, of_row, numbers_of]
+        residual = self.residuals(geometry, state)
         values = self._values(residual, state, clock, mount, weights, slipping)
 
         weight, kept = self._readings[..., None], self._kept[..., None]
@@ -509,22 +530,14 @@ class LogLikelihood(RollingConstraints):
             np.multiply(weight[at], new, out=by[..., first : first + excess.shape[-1]])
             return by
 
-        def by_state(chosen: slice, derivatives: Array) -> Array:
-            by = np.zeros((*derivatives[chosen].shape[:2], len(eye)))
-            by[:, of_row, numbers_of] = derivatives[chosen]
-            return slipping.applied(chosen, by)
-
-        def by_counts(chosen: slice, factor: Array) -> Array:
-            return factor[chosen] * eye[3:]
-
-        of_last, of_this = (partial(by_counts, factor=factor[1:]) for factor in (-weight * kept, weight))
+        of_last, of_this = (-weight * kept)[1:].__getitem__, weight[1:].__getitem__
         of_first, of_counts = (
             partial(by, excess=extra.readings) if extra and extra.readings.shape[-1] else None
             for by in (read_first, read)
         )
         kinds = {
-            "first": Rows(samples[:1], values["first"], partial(by_counts, factor=weight), numbers=of_first),
-            "counts": Rows(samples[:-1], values["counts"], of_last, of_this, of_counts),
+            "first": Rows(samples[:1], values["first"], weight.__getitem__, numbers=of_first, own=3),
+            "counts": Rows(samples[:-1], values["counts"], of_last, of_this, of_counts, own=3),
         }
 
         by_geometry = partial(self._by_change, geometry, changed, change, state)
@@ -537,8 +550,8 @@ class LogLikelihood(RollingConstraints):
             )
             return np.concatenate([columns, np.zeros((*columns.shape[:2], count - columns.shape[-1]))], axis=-1)
 
-        start, end = (partial(by_state, derivatives=derivatives) for derivatives in (by_start, by_end))
-        kinds["slips"] = Rows(samples[:-1], values["slips"], start, end, by_slips)
+        numbers = by_slips if count > FEW else _kept(by_slips, len(residual))
+        kinds["slips"] = Rows(samples[:-1], values["slips"], *self._slips_by_state(geometry, state, slipping), numbers)
         rates, sways, scales = (
             np.zeros(first + extra_count) if of_extra is None else np.concatenate([np.zeros(first), of_extra])
             for of_extra in ((None,) * 3 if extra is None else (extra.rates, extra.sways, extra.gyro_scales))
@@ -548,6 +561,12 @@ class LogLikelihood(RollingConstraints):
             others = len(mount) + len(clock)
             kinds["gyro"] = self._gyro.rows(state, weights["gyro"], values["gyro"], scales, others)
         return kinds
+
+
+def _kept(by: Callable[[slice], Array], steps: int) -> Callable[[slice], Array]:
+    """Return derivatives of so many steps, which are asked for several times: of as many as are in memory at a time,
+    computed once."""
+    return by if steps > LARGE else by(slice(0, steps)).__getitem__
 
 
 def moved_along(state: Array, step: Array) -> Array:

@@ -14,6 +14,7 @@ from estimators.likelihood.elimination import (
     blocks,
     eliminated,
     information_on_states,
+    solved,
     variances,
 )
 
@@ -69,7 +70,7 @@ def reduced(
     size, n = state.shape[1], p + len(own)
     information = information_on_states(kinds.values(), len(state), size)
     factors = cholesky_banded(information, overwrite_ab=True, check_finite=False)
-    numbers_block = eliminated(kinds.values(), factors, n + 1 + probes)
+    numbers_block, half = eliminated(kinds.values(), factors, n + 1 + probes)
     least = float(numbers_block[n, n])
     numbers_block = numbers_block[:n]
     numbers_block[p:, p:n] += np.diag(prior.deviation**-2.0)
@@ -86,14 +87,17 @@ def reduced(
     def finish(moved_by: Array, part: float = 1.0) -> tuple[Array, Array, Leftover]:
         set_by = -(set_to[:, p:] + set_to[:, :p] @ moved_by)
         all_by = np.concatenate([moved_by, set_by])
-        columns = np.zeros((1 + probes, len(state), size)).transpose(1, 2, 0)  # LAPACK's order: solved in place
-        for block in blocks(len(state), LARGE):
-            for rows in kinds.values():
-                chosen = rows.within(block.start, block.stop)
-                if chosen.start < chosen.stop:
-                    rows.add_by_state(columns, 0, chosen, rows.left(chosen, all_by))
-        away = columns.reshape(-1, 1 + probes)
-        away = cho_solve_banded((factors, False), away, overwrite_b=True, check_finite=False)
+        if half is not None:
+            away = solved(factors, half[:, n:] + half[:, :n] @ all_by)
+        else:
+            columns = np.zeros((1 + probes, len(state), size)).transpose(1, 2, 0)  # LAPACK's order: solved in place
+            for block in blocks(len(state), LARGE):
+                for rows in kinds.values():
+                    chosen = rows.within(block.start, block.stop)
+                    if chosen.start < chosen.stop:
+                        rows.add_by_state(columns, 0, chosen, rows.left(chosen, all_by))
+            away = columns.reshape(-1, 1 + probes)
+            away = cho_solve_banded((factors, False), away, overwrite_b=True, check_finite=False)
         away = np.negative(away, out=away).reshape(len(state), size, 1 + probes)
         if part < 1:
             away[..., 0], all_by[:, 0], set_by[:, 0] = part * away[..., 0], part * all_by[:, 0], part * set_by[:, 0]

@@ -10,7 +10,6 @@ file says. A bias that walks is piecewise linear; what it does within a piece co
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -99,21 +98,13 @@ class GyroRates:
         """Return the equations linearised about a state. values (S, 1): `off`, times the weights. scales (P,): change
         of the gyro's scale per unit of each parameter; others: numbers between these and those of the log."""
         by_turn, rate = weights[:, 0] * (1 + self.scale) / self._duration, weights[:, 0] * self._rate(state)
-        own = weights * self._columns
-
-        def by_heading(sign: float) -> Callable[[slice], Array]:
-            def derivatives(chosen: slice) -> Array:
-                by = np.zeros((len(by_turn[chosen]), 1, state.shape[1]))
-                by[:, 0, 2] = sign * by_turn[chosen]
-                return by
-
-            return derivatives
+        own, by_heading = weights * self._columns, by_turn[:, None, None]
 
         def by_numbers(chosen: slice) -> Array:
             of_scales = rate[chosen, None] * scales
             return np.concatenate([of_scales, np.zeros((len(of_scales), others)), own[chosen]], axis=1)[:, None]
 
-        return Rows(self.steps, values, by_heading(-1.0), by_heading(1.0), by_numbers)
+        return Rows(self.steps, values, (-by_heading).__getitem__, by_heading.__getitem__, by_numbers, own=2)
 
     def with_described(self, left: Leftover, noise: float) -> Leftover:
         """Return the residuals of a log with a noise, rad/s, and with those by which the robot file knows it."""
