@@ -28,15 +28,15 @@ HIDDEN = {
     "asoc-prototype": EncoderLatency(castor=3, value=0.006),
     "differential": WheelRadius(castor=1, wheel=1, value=0.01),
 }
-SECONDS = {"asoc-prototype": 24.0, "differential": 40.0}
+SECONDS = 24.0
 
 
 @cache
 def with_headings(name, seed, hidden=False):
     """A log of a robot in physics, with a pose a second, of 2 mm and 3 mrad of noise, of a point off its origin."""
     robot = preset(name)
-    path = wander(np.random.default_rng([seed, 3]), duration=SECONDS[name], holonomic=name != "differential")
-    log = drive(robot.with_effects(HIDDEN[name]) if hidden else robot, path, seed, duration=SECONDS[name])
+    path = wander(np.random.default_rng([seed, 3]), duration=SECONDS, holonomic=name != "differential")
+    log = drive(robot.with_effects(HIDDEN[name]) if hidden else robot, path, seed, duration=SECONDS)
     assert log.reference is not None
     noise = np.random.default_rng(seed).normal(size=log.reference.shape) * [0.002, 0.002, 0.003]
     reference = compose(WORLD, compose(log.reference, POINT)) + noise
