@@ -278,16 +278,16 @@ def constraint_matrix(geometry: Geometry, castor_angle: ArrayLike) -> tuple[Arra
     `inverse` says, which is linear in both. But for B in its last column, A turns with the castors.
     """
     castor_angle = np.asarray(castor_angle, dtype=float)
-    cos, sin = np.cos(castor_angle), np.sin(castor_angle)
-    x, y = geometry.pivot[..., 0], geometry.pivot[..., 1]
     of_wheel, roller = geometry.wheel_castor, geometry.roller
+    cos, sin = (np.take(of_castor, of_wheel, axis=-1) for of_castor in (np.cos(castor_angle), np.sin(castor_angle)))
+    x, y, offset = geometry.pivot[..., of_wheel, 0], geometry.pivot[..., of_wheel, 1], geometry.offset[..., of_wheel]
     w, shape = len(of_wheel), np.broadcast_shapes(castor_angle.shape[:-1], geometry.offset.shape[:-1])
     a, b = np.empty((*shape, 2 * w, 3)), np.empty((*shape, 2 * w))
-    a[..., w:, 0], a[..., w:, 1] = -sin[..., of_wheel], cos[..., of_wheel]
-    a[..., w:, 2] = (x * cos + y * sin - geometry.offset)[..., of_wheel]
-    b[..., w:] = -geometry.offset[..., of_wheel]
-    a[..., :w, 0], a[..., :w, 1] = cos[..., of_wheel], sin[..., of_wheel]
-    a[..., :w, 2] = (x * sin - y * cos)[..., of_wheel] - geometry.lateral
+    a[..., w:, 0], a[..., w:, 1] = -sin, cos
+    a[..., w:, 2] = x * cos + y * sin - offset
+    b[..., w:] = -offset
+    a[..., :w, 0], a[..., :w, 1] = cos, sin
+    a[..., :w, 2] = x * sin - y * cos - geometry.lateral
     b[..., :w] = -geometry.lateral
     if np.any(roller):
         a[..., :w, :] += a[..., w:, :] * roller[..., None]

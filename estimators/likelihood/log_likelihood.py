@@ -318,8 +318,10 @@ class LogLikelihood(RollingConstraints):
         estimated. extra: columns of the other P - G parameters. rate: of the reference's clock (s/s), if it is
         known.
         """
-        weights, slipping = self._weights(state, noise), self._whitening(geometry, state, noise)
-        kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, slipping, extra)
+        residual = self.residuals(geometry, state)
+        weights, slipping = self._weights(state, noise), self._whitening(geometry, state, noise, residual)
+        values = self._values(residual, state, clock, mount, weights, slipping)
+        kinds = self._linearised(geometry, changed, change, state, clock, mount, weights, values, slipping, extra)
         random = np.random.default_rng(self._number)
         for name, rows in kinds.items():
             signs = 2 * random.integers(2, size=(*rows.values.shape, probes), dtype=np.int8) - 1
@@ -329,15 +331,18 @@ class LogLikelihood(RollingConstraints):
         prior = self._poses.clock_prior(rate)
         of_gyro = self.gyro_numbers(state, noise) if self.gyro_steps else np.zeros(0)
 
-        def squares(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
-            values = self._values(self.residuals(geometry, state), state, clock, mount, weights, slipping)
+        def summed(values: dict[str, Array], state: Array, clock: Array) -> float:
             more = [self._gyro.prior.off(self._gyro.numbers(state, weights["gyro"]))] if self.gyro_steps else []
             return float(sum(np.sum(part**2) for part in (*values.values(), prior.off(clock), *more)))
+
+        def squares(geometry: Geometry, state: Array, clock: Array, mount: Array) -> float:
+            values = self._values(self.residuals(geometry, state), state, clock, mount, weights, slipping)
+            return summed(values, state, clock)
 
         count = len(change) + (extra.parameters if extra else 0) + len(mount)
         fields = partial(self._by_fields, slipping=slipping)
         own, prior_of_own = np.concatenate([clock, of_gyro]), prior.joined(self._gyro.prior)
-        found = reduced(kinds, state, own, prior_of_own, count, probes, fields, squares)
+        found = reduced(kinds, state, own, prior_of_own, count, probes, fields, squares, summed(values, state, clock))
 
         def log_evidence() -> float:
             of_weights = [
@@ -393,9 +398,11 @@ class LogLikelihood(RollingConstraints):
             return volume + slipping.log_density() - float(np.sum((slipping.weight * slips) ** 2)) / 2
 
         first = self._whitening(geometry, state, noise)
-        off = first.applied(slice(None), (self.residuals(geometry, state) - self._expected)[..., None])
+        residual = self.residuals(geometry, state)
+        off = first.applied(slice(None), (residual - self._expected)[..., None])
         slips = first.of_contacts(slice(None), off)[..., 0] / first.weight
-        kinds = self._linearised(geometry, geometry, np.zeros(0), state, clock, mount, weights, first, None)
+        values = self._values(residual, state, clock, mount, weights, first)
+        kinds = self._linearised(geometry, geometry, np.zeros(0), state, clock, mount, weights, values, first, None)
         of_sensors = information([kinds[name] for name in kinds if name in ("first", "counts", "gyro")])
         others, beside_poses = of_sensors + of_poses(mount), of_sensors + of_slips(geometry, first)
         at_first, at_mount = of_geometry(geometry), log_volume(beside_poses + of_poses(mount))
@@ -438,8 +445,9 @@ class LogLikelihood(RollingConstraints):
         of_gyro = {"gyro": self._gyro.weights(noise.gyro)} if self.gyro_steps else {}
         return {"first": self._readings[:1], "counts": self._readings[1:]} | of_poses | of_gyro
 
-    def _whitening(self, geometry: Geometry, state: Array, noise: Noise) -> Whitening:
-        """Return how slips at a state are made independent, each of standard deviation 1."""
+    def _whitening(self, geometry: Geometry, state: Array, noise: Noise, residual: Array | None = None) -> Whitening:
+        """Return how slips at a state are made independent, each of standard deviation 1. residual: of the state, if it
+        is known."""
         farthest = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
         sizes = np.repeat([noise.along, noise.across], [len(self._rolling), len(self._used) - len(self._rolling)])
         by_rolling = sizes**2 * farthest[:, None] + FLOOR**2
@@ -447,7 +455,7 @@ class LogLikelihood(RollingConstraints):
         slip = by_rolling + by_turning + np.square(self._doubt)
         by_turning /= by_rolling + by_turning
         free = np.where(self._released, farthest[:, None], 0.0)
-        weight = 1 / np.sqrt(slip + free**2 + self._unsure(geometry, state) ** 2)
+        weight = 1 / np.sqrt(slip + free**2 + self._unsure(geometry, state, residual) ** 2)
         if self._stiffness is None:
             return Whitening(weight, by_turning)
         # contacts that slip for another reason hardly hold
@@ -505,17 +513,15 @@ class LogLikelihood(RollingConstraints):
         clock: Array,
         mount: Array,
         weights: dict[str, Array],
+        values: dict[str, Array],
         slipping: Whitening,
         extra: ExtraColumns | None,
     ) -> dict[str, Rows]:
-        """Return all equations linearised about a state, by the kinds of `_values`."""
+        """Return all equations linearised about a state, by the kinds of `_values`, which are given."""
         samples, first = np.arange(len(state)), len(change)
         extra_count, slips = (extra.parameters, extra.slips) if extra else (0, ())
         of_gyro = len(self._gyro.prior.deviation)
         count = first + extra_count + len(mount) + len(clock) + of_gyro
-        residual = self.residuals(geometry, state)
-        values = self._values(residual, state, clock, mount, weights, slipping)
-
         weight, kept = self._readings[..., None], self._kept[..., None]
 
         def read_first(chosen: slice, excess: ByBlocks) -> Array:
@@ -542,7 +548,7 @@ class LogLikelihood(RollingConstraints):
 
         by_geometry = partial(self._by_change, geometry, changed, change, state)
         if count <= FEW:  # they are asked for three times
-            by_geometry = np.concatenate([by_geometry(steps) for steps in blocks(len(residual), LARGE)]).__getitem__
+            by_geometry = np.concatenate([by_geometry(steps) for steps in blocks(len(state) - 1, LARGE)]).__getitem__
 
         def by_slips(chosen: slice) -> Array:
             columns = slipping.applied(
@@ -550,7 +556,7 @@ class LogLikelihood(RollingConstraints):
             )
             return np.concatenate([columns, np.zeros((*columns.shape[:2], count - columns.shape[-1]))], axis=-1)
 
-        numbers = by_slips if count > FEW else _kept(by_slips, len(residual))
+        numbers = by_slips if count > FEW else _kept(by_slips, len(state) - 1)
         kinds["slips"] = Rows(samples[:-1], values["slips"], *self._slips_by_state(geometry, state, slipping), numbers)
         rates, sways, scales = (
             np.zeros(first + extra_count) if of_extra is None else np.concatenate([np.zeros(first), of_extra])

@@ -38,8 +38,8 @@ class Reduced(NamedTuple):
     log_evidence: returns the log-likelihood of the log with the parameters unchanged, state and own numbers integrated
     out (natural logarithm, up to a constant of the log). finish: maps changes of the parameters (P, 1 + probes) and the
     part of the step that is taken to the changed state and clock, and the remaining residuals. squares: maps any
-    geometry, state, clock and mount to the sum of squares there, with the weights of this state. variances: returns
-    those of the state (K, m).
+    geometry, state, clock and mount to the sum of squares there, with the weights of this state; at_state: here.
+    variances: returns those of the state (K, m).
     """
 
     information: Array
@@ -47,6 +47,7 @@ class Reduced(NamedTuple):
     log_evidence: Callable[[], float]
     finish: Callable[..., tuple[Array, Array, Leftover]]
     squares: Callable[[Geometry, Array, Array, Array], float]
+    at_state: float
     variances: Callable[[], Array]
 
 
@@ -59,6 +60,7 @@ def reduced(
     probes: int,
     fields: Fields,
     squares: Callable[[Geometry, Array, Array, Array], float],
+    at_state: float,
 ) -> Reduced:
     """Return the statistics of p parameters from equations by kind, whose numbers are these and the log's own: first
     the clock's two, then any that are linear.
@@ -118,5 +120,6 @@ def reduced(
         log_evidence,
         finish,
         squares,
+        at_state,
         lambda: variances(factors),
     )

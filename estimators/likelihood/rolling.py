@@ -4,6 +4,7 @@ They are those of castor_envs.motion.kinematics, integrated over a step to fourt
 alone would bias castors that swing in. Each step ties two samples only.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,9 @@ from estimators.steps.gaps import GAP
 
 REACH = 2
 """Steps before and after a step with which its residuals are integrated to fourth order."""
+
+DETERMINED = 1e-3
+"""Least pivot, as a part of the largest, of constraints whose normal equations are solved: it costs six digits."""
 
 UNMOVED = 1e-12
 """m2: keeps the logarithm finite for a motion that no contact notices."""
@@ -115,7 +119,7 @@ class RollingConstraints:
         rows, n)."""
         angle = self._angles(geometry, state[:, 3:])
         a, _ = self._matrices(geometry, (angle[1:] + angle[:-1]) / 2)
-        return np.linalg.pinv(a, rcond=1e-10) @ slips
+        return _inverse_of(a) @ slips
 
     def missing(self, changes: Changes, steps: slice) -> Array:
         """Return the error of odometry in the body's motion in some steps (k, 3, G + R), in B, m and rad, per unit of
@@ -126,7 +130,7 @@ class RollingConstraints:
         """Return the decrease of the disagreement in some steps (k, rows, G + R), per unit of changes."""
         decrease = self._decreasing(changes, steps)
         a, _ = self._matrices_in(changes.geometry, changes.state, steps)
-        return decrease - a @ (np.linalg.pinv(a, rcond=1e-10) @ decrease)
+        return decrease - a @ (_inverse_of(a) @ decrease)
 
     def _decreasing(self, changes: Changes, steps: slice) -> Array:
         """Return the decrease of the residuals of some steps (k, rows, G + R), per unit of changes."""
@@ -224,8 +228,9 @@ class RollingConstraints:
         heading = self._angles(geometry, state[:, 3:]) + state[:, 2:3]
         return (np.diff(heading, axis=0) * geometry.driven)[:, self._castor]
 
-    def _unsure(self, geometry: Geometry, state: Array) -> Array:
-        """Return the error estimate of the integration over every step (K - 1, rows), m.
+    def _unsure(self, geometry: Geometry, state: Array, residual: Array | None) -> Array:
+        """Return the error estimate of the integration over every step (K - 1, rows), m. residual: of the state, if it
+        is known.
 
         Second order: the difference to fourth order; fourth order: this difference times the squared angle by which the
         fastest castor turns in a step, the ratio between successive orders. In gaps: unbounded.
@@ -233,7 +238,9 @@ class RollingConstraints:
         angle = self._angles(geometry, state[:, 3:])[:, np.unique(self._castor)]
         turned = np.abs(np.diff(angle, axis=0)).max(axis=1, initial=0.0)
         around = np.maximum.reduce([turned, np.append(turned[1:], 0.0), np.append(0.0, turned[:-1])])
-        second, fourth = (self.residuals(geometry, state, np.full(len(turned), order)) for order in (False, True))
+        known = residual is not None and self._even[1:-1].all()
+        orders = (np.full(len(turned), order) for order in (False, True)[: 1 if known else 2])
+        second, fourth = [*(self.residuals(geometry, state, order) for order in orders), residual][:2]
         unsure = np.abs(fourth - second) * np.where(self._even, around**2, 1.0)[:, None]
         step = np.diff(self._t)
         rolled = np.abs(self._rolled(geometry, state[:, 3:])).max(axis=1)
@@ -256,6 +263,16 @@ class RollingConstraints:
     def _magnified(self, geometry: Geometry) -> Array:
         """Return the factor (..., 1, 1) by which the wheels are smaller than described."""
         return self._radius / np.mean(geometry.radius[..., self._wheels], axis=-1)[..., None, None]
+
+
+def _inverse_of(a: Array) -> Array:
+    """Return the pseudo-inverses (k, 3, rows) of matrices (k, rows, 3)."""
+    turned = np.swapaxes(a, 1, 2)
+    with suppress(np.linalg.LinAlgError):  # several times faster than singular values, where none is near zero
+        pivots = np.diagonal(np.linalg.cholesky(turned @ a), axis1=1, axis2=2)
+        if np.all(pivots.min(axis=1) > DETERMINED * pivots.max(axis=1)):
+            return np.asarray(np.linalg.solve(turned @ a, turned), dtype=np.float64)
+    return np.asarray(np.linalg.pinv(a, rcond=1e-10), dtype=np.float64)
 
 
 def _samples_of(steps: slice) -> slice:

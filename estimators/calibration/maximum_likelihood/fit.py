@@ -239,7 +239,7 @@ def _stepped(
         )
 
     full_step = [reduced.finish(moved_by) for reduced in reductions]
-    before, part = squares(at), 1.0
+    before, part = sum(reduced.at_state for reduced in reductions) + more_squares(at), 1.0
     while True:
         for moved in (np.add, moved_along):
             after = part_of(part, moved)
