@@ -156,14 +156,14 @@ def _columns(
 ) -> Array:
     """Return the change (R, n + P) of the weighed equations of a log, the j-th, by its n nuisances, then by a unit of
     each candidate."""
-    zero, ends = equations.left, equations.ends
+    zero, ends, sizes = equations.left, equations.ends, equations.sizes
     columns = np.zeros((len(equations.residual), log.numbers + len(among)))
     columns[:, : log.numbers] = equations.by_number
     for column, candidate in zip(columns.T[log.numbers :], among, strict=True):
         changes = {}
         if candidate.kind is not None:
             larger, by = candidate.enlarged(train)
-            real = larger.as_built()
+            real = sizes.with_noise(larger.as_built())
             changed = log.residuals(real, motion, None if isinstance(candidate.kind, FrameLength) else ends)
             changes = {kind: (changed[kind] - zero[kind]) / by for kind in zero}
             if (gauge := candidate.restored(by)) is not None:

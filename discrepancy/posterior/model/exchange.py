@@ -16,6 +16,7 @@ from discrepancy.posterior.model.refit import (
     S,
     Sized,
     families_of,
+    fit_with,
     in_place_of,
     refitted,
     statistics_of,
@@ -55,7 +56,8 @@ def exchanged(
 
     def fitted_again() -> float:
         """The states of the model itself may not have converged either."""
-        return max(best, look(named, seen, [effect.candidate for effect in named]).log_evidence)
+        again = fit_with(vehicle, look, tuple(named), seen)
+        return best if again is None else max(best, again.log_evidence)
 
     of_named = log_prior(named, seen)
     added = [((*named, effect), LOG_ODDS - odds) for effect in more]

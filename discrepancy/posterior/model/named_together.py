@@ -118,7 +118,8 @@ def named_together(
                 if unlikely:
                     refused |= unlikely
                     continue
-            more = [] if seen.redundant else most_explaining(vehicle, posterior.names, seen, named)
+            explained = seen.redundant and all(answer.effect is not None for answer in answers)
+            more = [] if explained else most_explaining(vehicle, posterior.names, seen, named)
             same = _same(answers, seen)
             better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from castor_envs.geometry.arrays import Array
-from castor_envs.sensors.posture import posture, sensed
+from castor_envs.sensors.posture import gauges_of, posture, sensed
 from castor_envs.vehicles.train import Frame, TrainDescription
 from castor_envs.vehicles.weight import wheel_loads
 
@@ -45,19 +45,23 @@ def _about(mean: Array, slope: Array) -> Array:
     return np.stack([mean - slope / 2, mean + slope / 2], axis=-1)
 
 
-def posture_of(frame: Frame, at_ends: Array) -> Array:
-    """Return the front end's pose (..., 3) in the rear one's frame for the curvature (..., 2) at the ends, 1/m."""
-    return posture(Frame(length=frame.length, gauges=(0.0, frame.length)), at_ends)
+def posture_of(frame: Frame, at_ends: Array, bowed: Array | float = 0.0) -> Array:
+    """Return the front end's pose (..., 3) in the rear one's frame for the curvature (..., 2) at the ends, 1/m.
+
+    bowed (...,): the first part of `bow`, 1/m. By its first terms it changes x alone.
+    """
+    curved = np.stack([at_ends[..., 0], np.mean(at_ends, axis=-1), at_ends[..., 1]], axis=-1)
+    curved = curved + np.asarray(bowed)[..., None] * shape_of_bow(np.array([0.0, 0.5, 1.0]))
+    return posture(Frame(length=frame.length, gauges=(0.0, frame.length / 2, frame.length)), curved)
 
 
-def ends_by_posture(frame: Frame, at_ends: Array) -> tuple[Array, Array]:
-    """Return the derivatives (K, 2, 2) of `ends` by y and phi, and (K, 2) of x by the ends, at curvatures (K, 2)."""
+def ends_by_posture(frame: Frame, at_ends: Array) -> Array:
+    """Return the derivatives (K, 2, 2) of `ends` by y and phi, at curvatures (K, 2)."""
     change = [
         (posture_of(frame, at_ends + small) - posture_of(frame, at_ends - small)) / (2 * SMALL)
         for small in SMALL * np.eye(2)
     ]
-    by_ends = np.stack(change, axis=-1)
-    return np.linalg.inv(by_ends[:, 1:]).astype(float), by_ends[:, 0]
+    return np.linalg.inv(np.stack(change, axis=-1)[:, 1:]).astype(float)
 
 
 def bow(frame: Frame, at_ends: Array, tension: Array) -> Array:
@@ -72,6 +76,11 @@ def bow(frame: Frame, at_ends: Array, tension: Array) -> Array:
     return np.stack([alike, (at_ends[..., 1] - at_ends[..., 0]) * pulled / 120], axis=-1)
 
 
+def shape_of_bow(share: Array) -> Array:
+    """Return the change of curvature at these parts of a frame's length (...,), in units of the first part of `bow`."""
+    return 6 * share**2 - 6 * share + 1
+
+
 def reading(
     frame: Frame, at_ends: Array, offsets: Array, t: Array, bowed: Array | float = 0.0, raised: float = 0.0
 ) -> Array:
@@ -82,16 +91,31 @@ def reading(
     """
     share = np.array(frame.gauge_positions) / frame.length
     curved = at_ends[..., :1] * (1 - share) + at_ends[..., 1:] * share
-    curved = curved + np.asarray(bowed)[..., None] * (6 * share**2 - 6 * share + 1 + raised)
+    curved = curved + np.asarray(bowed)[..., None] * (shape_of_bow(share) + raised)
     read = sensed(frame, curved, offsets, t)
-    shorter = np.sum(frame.computed_length - posture(frame, frame.gauge_noise * np.diag(live(frame)))[:, 0])
-    read[..., 0] -= (1.0 - frame.foreshortening_left_out) * shorter
+    read[..., 0] -= shortened_by_noise(frame)[0]
     return read
+
+
+@lru_cache(maxsize=256)
+def shortened_by_noise(frame: Frame) -> tuple[float, float]:
+    """Return by how much the noise of its gauges shortens a straight frame that is read, mean and standard deviation,
+    m: half of the squared heading along it, whose mean and variance follow from those of products of normal numbers."""
+    gauges = gauges_of((frame,))
+    heading = gauges.heading[0, :, :-1] * live(frame)[:, None]
+    products = frame.gauge_noise**2 * (heading * gauges.weights[0]) @ heading.T
+    counts = 1.0 - frame.foreshortening_left_out
+    return counts * float(np.trace(products)) / 2, counts * float(np.sum(products**2) / 2) ** 0.5
 
 
 def live(frame: Frame) -> Array:
     """Return 1 for each gauge of a frame that works, 0 for a dead one (gauges,)."""
     return np.array([float(number not in frame.dead_gauges) for number in range(1, len(frame.gauge_positions) + 1)])
+
+
+def gains(frame: Frame) -> Array:
+    """Return the gains of a frame's gauges (gauges,)."""
+    return np.array(frame.gauge_gains or [1.0] * len(frame.gauge_positions))
 
 
 @lru_cache(maxsize=64)

@@ -6,6 +6,10 @@ import numpy as np
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import relative_pose
+from castor_envs.vehicles.train import TrainDescription
+
+LEAST_NOISE = 1e-3
+"""1/m: least noise of gauges."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,24 +71,37 @@ class Sizes:
     gauges: tuple[float, ...] = ()
 
     def of(self, kind: str) -> float:
-        """Return the size of a kind of equations; 1 for those whose size is known."""
+        """Return the size of a kind of equations; 1 for those whose size is known, and for gauges, whose noise is that
+        of a train `with_noise`."""
+        return 1.0 if kind.startswith("gauges") else float(getattr(self, kind, 1.0))
+
+    def with_noise(self, train: TrainDescription) -> TrainDescription:
+        """Return a train whose gauges are as noisy as these sizes say."""
+        frames = [
+            replace(frame, gauge_noise=max(size * frame.gauge_noise, LEAST_NOISE))
+            for frame, size in zip(train.frames, self.gauges, strict=True)
+        ]
+        return replace(train, frames=tuple(frames))
+
+    def changed(self, kind: str, factor: float) -> "Sizes":
+        """Return the sizes with that of one kind multiplied, within its bounds; those that are known stay."""
         if kind.startswith("gauges"):
-            return self.gauges[int(kind.removeprefix("gauges"))]
-        return float(getattr(self, kind, 1.0))
+            f = int(kind.removeprefix("gauges"))
+            size = float(np.clip(self.gauges[f] * factor, *GAUGES))
+            return replace(self, gauges=(*self.gauges[:f], size, *self.gauges[f + 1 :]))
+        if kind not in FITTED:
+            return self
+        least, most = LEAST_SIZE[kind], MOST_SIZE.get(kind, np.inf)
+        return replace(self, **{kind: float(np.clip(self.of(kind) * factor, least, most))})
 
     def at_most(self, bound: "Sizes") -> "Sizes":
         """Return the smaller of the sizes of each kind."""
         gauges = tuple(min(pair) for pair in zip(self.gauges, bound.gauges, strict=True))
         return Sizes(**{kind: min(self.of(kind), bound.of(kind)) for kind in FITTED}, gauges=gauges)
 
-    def with_size(self, kind: str, size: float) -> "Sizes":
-        """Return the sizes with the size of one kind changed."""
-        if kind.startswith("gauges"):
-            f = int(kind.removeprefix("gauges"))
-            return replace(self, gauges=(*self.gauges[:f], size, *self.gauges[f + 1 :]))
-        return replace(self, **{kind: size})
-
 
 LEAST_SIZE = {"rolling": 2e-4, "side": 3e-4, "tension": 0.1, "shape": 1e-4, "position": 1e-4, "heading": 1e-4}
 MOST_SIZE = {"tension": 10.0}
 FITTED = tuple(LEAST_SIZE)
+GAUGES = 0.3, 5.0
+"""Bounds of the noise of gauges, relative to the described noise; what looks noisier has another cause."""

@@ -27,10 +27,6 @@ ROUGH = (4e-5, 1e-4, 2e-4)
 """m, m, rad: error of a sensor's reading in addition to the noise of its gauges, as the bending model is
 approximate."""
 
-UNSURE, STRAIGHT = 0.1, 1e-4
-"""Relative uncertainty of a bent frame's shortening, as tension bends it, too; and uncertainty of a straight frame,
-m."""
-
 MOUNT, CLOCK = (5e-3, 5e-3, 0.02), 0.05
 """m, m, rad and s: standard deviations of a reference's tracked points and clock."""
 
@@ -182,10 +178,10 @@ class TrainLog:
         left["tension"][1:] -= self.lasting * motion.tension[:-1]
         for f, frame in enumerate(built.frames):
             offsets = motion.offsets[self.gauges[f] : self.gauges[f + 1]]
-            bowed = self._bowed(built, motion, ends, f)
+            bowed = self._bowed(built, ends[:, f], motion.tension[:, f], f)
             read = bending.reading(frame, ends[:, f], offsets, self.t, bowed, motion.raised[f])
             left[f"gauges{f}"] = (self.rps[:, f] - read) * self.read[:, f, None]
-        short = [bending.posture_of(frame, ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
+        short = [self._short(built, ends[:, f], motion.tension[:, f], f) for f in range(self.f)]
         left["shape"] = relative[..., 0] - np.stack(short, axis=1)
         if len(self.at):
             tracked = compose(motion.pose[self.at] + motion.clock * self._rate(motion), motion.mount)
@@ -203,25 +199,23 @@ class TrainLog:
         return Bends(ends, [self._by_gauge(built, motion, ends, f) for f in range(self.f)])
 
     def weights(self, built: TrainDescription, bends: Bends) -> dict[str, Array]:
-        """Return the weights of the residuals of every kind, apart from 1 / size; of gauges (K, 3, 3)."""
+        """Return the weights of the residuals of every kind, apart from 1 / size; of gauges (K, 3, 3), for the noise
+        that those of the train have."""
         side = np.where(self.loose, SLIDING, 1.0) / self.travel
-        bent = [bending.posture_of(frame, bends.ends[:, f])[:, 0] for f, frame in enumerate(built.frames)]
-        shorter = UNSURE * (np.array([frame.length for frame in built.frames]) - np.stack(bent, axis=1))
         weights: dict[str, Array] = {
             "counts": np.full((self.k, 2 * self.n), 12**0.5),
             "rolling": np.repeat(side, 2, axis=1),
             "side": side,
             "tension": np.repeat(np.append(1.0, (1 - self.lasting**2) ** -0.5)[:, None], self.f, axis=1),
-            "shape": 1 / np.hypot(1.0, shorter / STRAIGHT),
+            "shape": np.ones((self.k, self.f)),
             "position": np.ones((len(self.at), self.n, 2)),
             "heading": np.ones((len(self.at), self.n)),
             "start": np.full(3, 1 / START),
         }
         for f, frame in enumerate(built.frames):
             by_gauge, live = bends.by_gauge[f], bending.live(frame)
-            noise = max(frame.gauge_noise, 1e-3)
-            cov = by_gauge @ (by_gauge * (live * noise**2)).transpose(0, 2, 1) + np.diag(np.square(ROUGH))
-            cov[:, 0, 0] += shorter[:, f] ** 2
+            cov = by_gauge @ (by_gauge * (live * frame.gauge_noise**2)).transpose(0, 2, 1) + np.diag(np.square(ROUGH))
+            cov[:, 0, 0] += bending.shortened_by_noise(frame)[1] ** 2
             whitening = np.linalg.inv(np.linalg.cholesky(cov)).astype(float)
             weights[f"gauges{f}"] = whitening * self.read[:, f, None, None]
         return weights
@@ -274,28 +268,29 @@ class TrainLog:
         )
 
         by_pose, places = self._relative_derivatives(motion)
-        by_posture = [bending.ends_by_posture(frame, ends[:, f]) for f, frame in enumerate(built.frames)]
-        bent = np.stack([derivative for derivative, _ in by_posture], axis=1)
+        bent = np.stack([bending.ends_by_posture(frame, ends[:, f]) for f, frame in enumerate(built.frames)], axis=1)
         for kind, by_bend in self._by_bend(built, motion, ends, bent, (by_pose, places)).items():
             found[kind] = replace(found[kind], by_sample=found[kind].by_sample + by_bend)
         short: list[Array] = []
         for f, frame in enumerate(built.frames):
-            by_y_phi, longer = by_posture[f]
-            live = np.array(frame.gauge_gains or [1.0] * len(frame.gauge_positions))
-            share = np.array(frame.gauge_positions) / frame.length
-            by_ends = bends.by_gauge[f] @ (live[:, None] * np.stack([1 - share, share], axis=1))
-            read, shape = np.zeros((k, 3, 3)), np.zeros((k, 1, 3))
-            read[..., 1:] = -by_ends @ by_y_phi
-            shape[:, 0, 0], shape[:, :, 1:] = 1.0, -longer[:, None] @ by_y_phi
-            chained = read @ by_pose[:, f] * self.read[:, f, None, None]
-            frame_places = np.broadcast_to(places[:, f, None], (k, 3, 6))
+            read, shape = self._bent_and_pulled(built, motion, ends, f)
+            chained, shortened = (
+                np.concatenate([of[..., :2] @ bent[:, f] @ by_pose[:, f, 1:], of[..., 2:]], axis=-1)
+                for of in (read, shape)
+            )
+            shortened[..., :6] -= by_pose[:, f, :1]
+            short.append(-shortened[:, 0])
             numbers = np.zeros((k, 3, self.numbers))
             numbers[..., self.gauges[f] : self.gauges[f + 1]] = -bends.by_gauge[f] * self.read[:, f, None, None]
-            raised = self._bowed(built, motion, ends, f) * self.read[:, f]
-            numbers[..., self.creeping + n + f] = -(bends.by_gauge[f] @ live) * raised[:, None]
-            found[f"gauges{f}"] = self._sparse(frame_places, chained, numbers.reshape(3 * k, -1))
-            short.append((shape @ by_pose[:, f])[:, 0])
-        found["shape"] = self._sparse(places, np.stack(short, axis=1))
+            raised = self._bowed(built, ends[:, f], motion.tension[:, f], f) * self.read[:, f]
+            numbers[..., self.creeping + n + f] = -(bends.by_gauge[f] @ bending.gains(frame)) * raised[:, None]
+            placed = np.concatenate([places[:, f], of_tension[:, f, None]], axis=-1)
+            found[f"gauges{f}"] = self._sparse(
+                np.broadcast_to(placed[:, None], (k, 3, 7)),
+                -chained * self.read[:, f, None, None],
+                numbers.reshape(3 * k, -1),
+            )
+        found["shape"] = self._sparse(np.concatenate([places, of_tension[..., None]], axis=-1), np.stack(short, axis=1))
         if len(self.at):
             found |= self._reference_derivatives(motion)
         found["start"] = self._sparse(np.arange(3)[:, None], np.ones((3, 1)))
@@ -368,14 +363,35 @@ class TrainLog:
         frame = np.arange(self.k)[:, None] * self.block + 3 * np.arange(self.f)
         return np.stack(rows, axis=2), frame[..., None] + np.arange(6)
 
-    def _bowed(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
-        """Return the curvature (K,) by which a frame bows under its tension, 1/m."""
-        return bending.bow(built.frames[f], ends[:, f], bending.newtons(built)[f] * motion.tension[:, f])[:, 0]
+    def _bowed(self, built: TrainDescription, ends: Array, tension: Array, f: int) -> Array:
+        """Return the curvature (K,) by which a frame bows under its tension (K,), 1/m; ends (K, 2): of this frame."""
+        return bending.bow(built.frames[f], ends, bending.newtons(built)[f] * tension)[:, 0]
+
+    def _short(self, built: TrainDescription, ends: Array, tension: Array, f: int) -> Array:
+        """Return how far the front axle of a bent frame is ahead of the rear one (K,), m, as of `_bowed`."""
+        return bending.posture_of(built.frames[f], ends, self._bowed(built, ends, tension, f))[:, 0]
+
+    def _bent_and_pulled(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> tuple[Array, Array]:
+        """Return the derivatives (K, 3, 3) of a frame's reading, and (K, 1, 3) of `_short`, by its two ends' curvature
+        and by its tension."""
+        offsets, raised = motion.offsets[self.gauges[f] : self.gauges[f + 1]], motion.raised[f]
+        read, short = [], []
+        for small in 1e-4 * np.eye(3):
+            above, below = (
+                (ends[:, f] + sign * small[:2], motion.tension[:, f] + sign * small[2]) for sign in (1.0, -1.0)
+            )
+            more, less = (
+                bending.reading(built.frames[f], bent, offsets, self.t, self._bowed(built, bent, pulled, f), raised)
+                for bent, pulled in (above, below)
+            )
+            read.append((more - less) / 2e-4)
+            short.append((self._short(built, *above, f) - self._short(built, *below, f)) / 2e-4)
+        return np.stack(read, axis=-1), np.stack(short, axis=-1)[:, None]
 
     def _by_gauge(self, built: TrainDescription, motion: Motion, ends: Array, f: int) -> Array:
         """Return the derivatives (K, 3, gauges) of a frame's reading by its gauges' errors."""
         frame, first, last = built.frames[f], self.gauges[f], self.gauges[f + 1]
-        columns, bowed = [], self._bowed(built, motion, ends, f)
+        columns, bowed = [], self._bowed(built, ends[:, f], motion.tension[:, f], f)
         for gauge in range(last - first):
             small = 1e-4 * np.eye(last - first)[gauge]
             above, below = (

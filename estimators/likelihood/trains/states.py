@@ -13,7 +13,8 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.train import TrainDescription
-from estimators.likelihood.trains.motion import FITTED, LEAST_SIZE, MOST_SIZE, Motion, Sizes
+from estimators.likelihood.trains import bending
+from estimators.likelihood.trains.motion import LEAST_SIZE, Motion, Sizes
 from estimators.likelihood.trains.rows import TrainLog
 
 PROBES = 8
@@ -28,9 +29,9 @@ STILL = 1.0
 FIRST = 3
 """Rounds without a start before sizes are fitted."""
 
-LEAST_GAUGES = 0.3
-"""Lower bound of the noise of gauges, as a part of the described noise."""
-
+FARTHEST = 1.0
+"""rad: largest change of the heading between two axles in a step of a fit; frames are linearised, and a train that has
+folded up fits no motion."""
 
 OFTEN = 0.9
 """Largest part of the time that an axle may slide; if it seems to slide more, the cause is an error of the
@@ -80,6 +81,7 @@ class Equations:
     @classmethod
     def of(cls, log: TrainLog, built: TrainDescription, motion: Motion, sizes: Sizes) -> "Equations":
         """Return the equations of a train as it is built; raises InputError where they have no solution."""
+        built = sizes.with_noise(built)
         bends = log.bends(built, motion)
         weights, left = log.weights(built, bends), log.residuals(built, motion, bends.ends)
         derivatives, kinds, used, parts, at = log.jacobians(built, motion, bends), {}, {}, [], 0
@@ -229,14 +231,18 @@ def fit_states(
             apart = np.column_stack([residual, columns]) - problem.by_sample @ states
             strength = columns.T @ apart[:, 1:] + np.diag(prior)
             by_number: Array = -np.linalg.solve(strength, columns.T @ apart[:, 0] + prior * number).astype(float)
-            by_sample = -(states[:, 0] + states[:, 1:] @ by_number)
+            by_sample = -(states[:, 0] + states[:, 1:] @ by_number).reshape(log.k, log.block)
             left = apart[:, 0] + apart[:, 1:] @ by_number
-            motions[j] = motions[j].moved(by_sample.reshape(log.k, log.block), by_number[: log.numbers])
+            bent_by = np.abs(np.diff(by_sample[:, 2 : 3 * log.n : 3], axis=1)).max()
+            part = min(1.0, FARTHEST / bent_by) if bent_by > 0 else 1.0
+            motions[j] = motions[j].moved(part * by_sample, part * by_number[: log.numbers])
             amount[own] += by_number[log.numbers :]
             deviance += float(left @ left + np.sum(prior * (number + by_number) ** 2))
             shared = strength[: log.numbers, : log.numbers]
             deviance += float(np.linalg.slogdet(shared)[1] - np.sum(np.log(prior[: log.numbers])))
             deviance += 2 * float(np.sum(np.log(problem.factor[0][0])))
+            # All turns are as likely before, so of the ways that wheels roll those of a narrow track were denser.
+            deviance -= 2 * (log.k - 1) * float(np.sum(np.log(bending.half_track(built))))
             for kind, rows in problem.used.items():
                 deviance += 2 * rows * np.log(current.of(kind))
             for f in range(log.f):
@@ -258,11 +264,7 @@ def fit_states(
 
 def _resized(sizes: Sizes, squares: Mapping[str, float], free: Mapping[str, float]) -> Sizes:
     for kind in squares:
-        if kind not in FITTED and not kind.startswith("gauges"):
-            continue
-        least = LEAST_SIZE.get(kind, LEAST_GAUGES)
-        change = np.clip((squares[kind] / free[kind]) ** 0.5, 0.2, 5.0)
-        sizes = sizes.with_size(kind, float(np.clip(sizes.of(kind) * change, least, MOST_SIZE.get(kind, np.inf))))
+        sizes = sizes.changed(kind, float(np.clip((squares[kind] / free[kind]) ** 0.5, 0.2, 5.0)))
     return sizes
 
 
