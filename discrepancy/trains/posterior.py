@@ -47,12 +47,17 @@ def diagnose_train(
         raise InputError("there is no log to look at")
     good = _first(train, clean) if clean else None
     first = _first(train, logs)
-    named, seen, posterior, answers = _named(train, first, good)
-    answers = _of_lasting_noise(answers, named, seen)
-    jackknifed = _jackknifed(seen)
+    try:
+        named, seen, posterior, answers = _named(train, first, good)
+        jackknifed = _jackknifed(seen)
+    except InputError:  # beside what seems likely of a train that has folded up, its motion has no solution
+        seen, jackknifed = first, _jackknifed(first)
+        if jackknifed is None:
+            raise
     if jackknifed is not None:
         answers = judged([jackknifed], (), None, None, Material(0.0, 0.0))  # it matters, whatever it costs
         return Diagnosis(train, weakest(answer.verdict for answer in answers), answers, {}, first, seen, None)
+    answers = _of_lasting_noise(answers, named, seen)
     held, order = None, None
     if held_out:
         among = _of_trains([effect.candidate for effect in named])

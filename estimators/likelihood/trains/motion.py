@@ -19,7 +19,8 @@ class Motion:
     pose (K, N, 3). roll (K, 2N), rad. tension (K, F): of each frame in the step that begins, in `bending.newtons`.
     offsets: of every frame's gauges (gauges,), 1/m. mount (N, 3): the tracked points in the axles' frames, m and rad.
     clock: s, by which the reference is ahead. creep (N,): relative excess of the creep of axles under bent frames over
-    the prediction. raised (F,): part of a frame's bow by which its gauges read too much.
+    the prediction. raised (F,): part of a frame's bow by which its gauges read too much. pull (F,): mean tension of a
+    frame, about which its tension changes, in the same unit.
     """
 
     pose: Array
@@ -30,6 +31,7 @@ class Motion:
     clock: float
     creep: Array
     raised: Array
+    pull: Array
 
     @property
     def relative(self) -> Array:
@@ -41,8 +43,8 @@ class Motion:
         n = self.pose.shape[1]
         pose, roll, tension = np.split(by_sample, [3 * n, 5 * n], axis=1)
         n_offsets = len(self.offsets)
-        ends = np.cumsum([n_offsets, 3 * n, 1, n])
-        offsets, mount, clock, creep, raised = np.split(by_number, ends)
+        ends = np.cumsum([n_offsets, 3 * n, 1, n, len(self.raised)])
+        offsets, mount, clock, creep, raised, pull = np.split(by_number, ends)
         return Motion(
             self.pose + pose.reshape(-1, n, 3),
             self.roll + roll,
@@ -52,6 +54,7 @@ class Motion:
             self.clock + float(clock[0]),
             self.creep + creep,
             self.raised + raised,
+            self.pull + pull,
         )
 
 

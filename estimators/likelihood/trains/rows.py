@@ -47,6 +47,10 @@ RAISED = 0.06
 """Standard deviation of the part of its bow by which a frame's gauges read too much under tension: they are not points,
 and represent the curvature between them."""
 
+PULL = 3.0
+"""Prior standard deviation of a frame's mean tension, in `bending.newtons`: what wheels that are held at a speed pull
+where those of one axle are larger by 0.3 % than those of the next."""
+
 TENSION_TIME = 5.0
 """s: correlation time of a frame's tension, as the causes of wheels' disagreement change slowly."""
 
@@ -92,7 +96,7 @@ class TrainLog:
         self.reference = given[self.at].reshape(-1, self.n, 3)
         self.block = 5 * self.n + frames
         self.gauges = np.cumsum([0, *(len(frame.gauge_positions) for frame in train.frames)])
-        self.numbers = int(self.gauges[-1]) + 4 * self.n + 1 + frames
+        self.numbers = int(self.gauges[-1]) + 4 * self.n + 1 + 2 * frames
         self.creeping = int(self.gauges[-1]) + 3 * self.n + 1
         self.loose = np.zeros((self.k - 1, self.n), dtype=bool)
         self.lasting = np.exp(-np.diff(self.t) / TENSION_TIME)[:, None]
@@ -118,12 +122,13 @@ class TrainLog:
         offsets = [
             np.full(len(frame.gauge_positions), max(frame.gauge_offset, 1e-6)) for frame in train.as_described().frames
         ]
-        creep, raised = np.full(self.n, CREEP), np.full(self.f, RAISED)
-        return np.concatenate([*offsets, np.tile(MOUNT, self.n), [CLOCK], creep, raised])
+        creep, raised, pull = np.full(self.n, CREEP), np.full(self.f, RAISED), np.full(self.f, PULL)
+        return np.concatenate([*offsets, np.tile(MOUNT, self.n), [CLOCK], creep, raised, pull])
 
     def nuisances(self, motion: Motion) -> Array:
         """Return the nuisances (n,) of a motion."""
-        return np.concatenate([motion.offsets, motion.mount.ravel(), [motion.clock], motion.creep, motion.raised])
+        clock = [motion.clock]
+        return np.concatenate([motion.offsets, motion.mount.ravel(), clock, motion.creep, motion.raised, motion.pull])
 
     def start(self, built: TrainDescription) -> Motion:
         """Return a motion to begin with: the first axle by wheel counts, the other axles by sensors."""
@@ -141,7 +146,7 @@ class TrainLog:
             else:
                 pose[:, i] = path
         tension, offsets, mount = np.zeros((self.k, self.f)), np.zeros(int(self.gauges[-1])), np.zeros((self.n, 3))
-        return Motion(pose, roll, tension, offsets, mount, 0.0, np.zeros(self.n), np.zeros(self.f))
+        return Motion(pose, roll, tension, offsets, mount, 0.0, np.zeros(self.n), np.zeros(self.f), np.zeros(self.f))
 
     def _rolled(self, train: TrainDescription) -> tuple[Array, Array]:
         """Return how far wheels of a train have turned by the counts (K, 2N), rad, and roll in each step (K - 1, N, 2),
@@ -174,8 +179,8 @@ class TrainLog:
         ahead = np.repeat(along, 2, axis=1) - lateral * np.repeat(turn, 2, axis=1)
         left["rolling"] = ahead - rolled - slip[..., :2].reshape(-1, 2 * self.n)
         left["side"] = across - slip[..., 2]
-        left["tension"] = motion.tension.copy()
-        left["tension"][1:] -= self.lasting * motion.tension[:-1]
+        left["tension"] = motion.tension - motion.pull
+        left["tension"][1:] -= self.lasting * left["tension"][:-1].copy()
         for f, frame in enumerate(built.frames):
             offsets = motion.offsets[self.gauges[f] : self.gauges[f + 1]]
             bowed = self._bowed(built, ends[:, f], motion.tension[:, f], f)
@@ -263,8 +268,12 @@ class TrainLog:
         of_tension = samples[:, None] * block + 5 * n + np.arange(self.f)
         before = np.concatenate([of_tension[:1], of_tension[:-1]])
         kept = np.append(0.0, -self.lasting)[:, None] * np.ones(self.f)
+        pulled = np.zeros((k, self.f, self.numbers))
+        pulled[..., -self.f :] = -(1 + kept)[..., None] * np.eye(self.f)
         found["tension"] = self._sparse(
-            np.stack([of_tension, before], axis=-1), np.stack([np.ones_like(kept), kept], axis=-1)
+            np.stack([of_tension, before], axis=-1),
+            np.stack([np.ones_like(kept), kept], axis=-1),
+            pulled.reshape(-1, self.numbers),
         )
 
         by_pose, places = self._relative_derivatives(motion)
