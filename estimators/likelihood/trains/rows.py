@@ -47,9 +47,9 @@ RAISED = 0.06
 """Standard deviation of the part of its bow by which a frame's gauges read too much under tension: they are not points,
 and represent the curvature between them."""
 
-PULL = 3.0
-"""Prior standard deviation of a frame's mean tension, in `bending.newtons`: what wheels that are held at a speed pull
-where those of one axle are larger by 0.3 % than those of the next."""
+PULL = 1.0
+"""Prior standard deviation of a frame's mean tension, in `bending.newtons`, as where wheels are held at a speed: it
+drives the axles beside it to a mean slip of 0.1 %."""
 
 TENSION_TIME = 5.0
 """s: correlation time of a frame's tension, as the causes of wheels' disagreement change slowly."""
