@@ -29,9 +29,9 @@ STILL = 1.0
 FIRST = 3
 """Rounds without a start before sizes are fitted."""
 
-FARTHEST = 1.0
-"""rad: largest change of the heading between two axles in a step of a fit; frames are linearised, and a train that has
-folded up fits no motion."""
+SHORTER = 0.5 ** np.arange(6)
+"""Parts of a step of a fit that are tried until the motion is likelier: frames are bent far where a description is
+wrong, and equations hold near a motion only."""
 
 OFTEN = 0.9
 """Largest part of the time that an axle may slide; if it seems to slide more, the cause is an error of the
@@ -114,6 +114,11 @@ class Equations:
         column = np.zeros(len(self.residual))
         column[self.kinds[kind]] = _weighed(change.reshape(-1, 1), self.weights[kind] / self.sizes.of(kind))[:, 0]
         return column
+
+    def weighed_residual(self, left: Mapping[str, Array]) -> Array:
+        """Return residuals of every kind, of another motion, with the weights of this one (R,)."""
+        parts = [_weighed(left[kind].reshape(-1, 1), self.weights[kind] / self.sizes.of(kind)) for kind in self.kinds]
+        return np.concatenate(parts)[:, 0]
 
     def solved(self, right: Array) -> Array:
         """Return the least-squares solution of the samples' unknowns for right-hand sides `right` (R, ...)."""
@@ -233,10 +238,14 @@ def fit_states(
             by_number: Array = -np.linalg.solve(strength, columns.T @ apart[:, 0] + prior * number).astype(float)
             by_sample = -(states[:, 0] + states[:, 1:] @ by_number).reshape(log.k, log.block)
             left = apart[:, 0] + apart[:, 1:] @ by_number
-            bent_by = np.abs(np.diff(by_sample[:, 2 : 3 * log.n : 3], axis=1)).max()
-            part = min(1.0, FARTHEST / bent_by) if bent_by > 0 else 1.0
-            motions[j] = motions[j].moved(part * by_sample, part * by_number[: log.numbers])
-            amount[own] += by_number[log.numbers :]
+            before, squares_before = motions[j], float(residual @ residual + np.sum(prior * number**2))
+            for part in SHORTER:
+                motions[j] = before.moved(part * by_sample, part * by_number[: log.numbers])
+                there = problem.weighed_residual(log.residuals(current.with_noise(built), motions[j]))
+                there = there + columns[:, log.numbers :] @ (amount[own] + part * by_number[log.numbers :])
+                if there @ there + np.sum(prior * (number + part * by_number) ** 2) <= squares_before:
+                    break
+            amount[own] += part * by_number[log.numbers :]
             deviance += float(left @ left + np.sum(prior * (number + by_number) ** 2))
             shared = strength[: log.numbers, : log.numbers]
             deviance += float(np.linalg.slogdet(shared)[1] - np.sum(np.log(prior[: log.numbers])))
