@@ -43,11 +43,12 @@ class Mistake:
 @dataclass(frozen=True)
 class Preflight:
     """Gross findings. remarks: those that are no mistakes. slid: whether wheels, driven by wrong readings, slid so much
-    that logs tell nothing else."""
+    that logs tell nothing else. blind: whether logs show too little to look for wrong wiring."""
 
     mistakes: tuple[Mistake, ...] = ()
     remarks: tuple[str, ...] = ()
     slid: bool = False
+    blind: bool = False
 
     @property
     def fatal(self) -> bool:
@@ -60,7 +61,7 @@ class Preflight:
         taken = [mistake for mistake in self.mistakes if mistake.taken]
         reported = ["; or: ".join((mistake.what, *mistake.alternatives)) for mistake in taken]
         serious = tuple(mistake for mistake in self.mistakes if not mistake.taken)
-        return Preflight(serious, (*reported, *self.remarks), self.slid)
+        return Preflight(serious, (*reported, *self.remarks), self.slid, self.blind)
 
     @property
     def effects(self) -> tuple[Effect, ...]:
@@ -108,7 +109,7 @@ def preflight(robot: RobotDescription, logs: Sequence[Log], names: Sequence[str]
         if check is not None and check.mistaken:
             turns = f"it turns {check.scale:.3g} times as much as the wheels say"
             mistakes.append(Mistake(f"{name}: gyro_z {check.verdict} ({turns})"))
-    return Preflight(tuple(mistakes), tuple(reported), slid)
+    return Preflight(tuple(mistakes), tuple(reported), slid, blind=not likelihood.sees)
 
 
 def _mistakes(nominal: Misfit, best: Explanation, alike: Sequence[Explanation]) -> Iterator[Mistake]:

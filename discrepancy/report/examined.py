@@ -105,6 +105,7 @@ class Examined:
         data = plain_data.as_data(diagnosis, logs, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
             "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
+            "too_little": checked.blind,
             "effects": [dataclasses.asdict(effect) for effect in undone.added(named)],
             "replay": _replay_data(*seen.values()),
         }

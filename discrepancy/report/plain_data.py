@@ -46,7 +46,9 @@ def as_data(
         "gap": _gaps(*seen),
         "held_out_gap": None if held_out is None else _gaps(*held_out),
         "clean_gap": _gap(diagnosis.clean_gap),
-        "noise": None if gap is None else {"position_m": noise.position, "heading_rad": heading},
+        "noise": None
+        if gap is None
+        else {"position_m": noise.position, "heading_rad": heading, "poses": (seen[1] or seen[0]).poses},
         **dict(zip(("logs", "held_out_logs", "clean_logs"), map(list, logs), strict=True)),
         "replay": None,
         "where": None,

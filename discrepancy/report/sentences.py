@@ -4,6 +4,9 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from scipy.stats import chi2
+
+from discrepancy.posterior.calibrated import CREDIBLE
 from discrepancy.posterior.verdicts import HALF
 from discrepancy.report.parts import MILLI, PERCENT, READ_AS, Data, digits_by, number
 from estimators.calibration.identifiability import COVERAGE
@@ -47,6 +50,8 @@ def sentence(data: Data) -> str:
         beside = f", beside the reference's own noise of about {off(_noise(data))}" if data["noise"] else ""
         if far_off := unfound(data):
             parts += [far_off, f"Negligible: {trifles}." if trifles else ""]
+        elif data.get("too_little"):
+            parts.append(f"Nothing is found, but these logs show too little to be sure{beside}: drive on for longer.")
         elif trifles:
             parts.append(f"Nothing that matters is missing: {trifles}.")
         else:
@@ -125,9 +130,9 @@ def unfound(data: Data) -> str:
     what the reference's own noise makes, and than in clean logs; else nothing."""
     if material(data) or data["mistakes"] or data["noise"] is None:
         return ""
-    none = (0.0, 0.0)
+    none, doubt = (0.0, 0.0), _doubt_of_noise(data["noise"].get("poses"))
     pairs = zip(_noise(data), data["clean_gap"] or none, strict=True)
-    usual = [max(noise or 0.0, gap or 0.0) for noise, gap in pairs]
+    usual = [max((noise or 0.0) * doubt, gap or 0.0) for noise, gap in pairs]
     for log_set, of in GAPS:
         gap = (data[of] or [none])[0]
         if any(HALF * (part or 0.0) > known for part, known in zip(gap, usual, strict=True)):
@@ -137,6 +142,12 @@ def unfound(data: Data) -> str:
                 "or stand still, and for wheels that slip."
             )
     return ""
+
+
+def _doubt_of_noise(poses: int | None) -> float:
+    """Return by what factor noise may be larger than its estimate from so many poses, at its 95 % limit; 1 of an
+    unknown number."""
+    return 1.0 if not poses else math.sqrt(poses / float(chi2.ppf(1 - CREDIBLE, poses)))
 
 
 def _noise(data: Data) -> list[float | None]:

@@ -54,6 +54,11 @@ class Linearised(Seen):
         return self.fit.sizes
 
     @property
+    def poses(self) -> int:
+        """See `Seen`."""
+        return sum(len(log.at) * log.n for log in self.train_logs)
+
+    @property
     def gap(self) -> tuple[float, float] | None:
         """Error of the train's localisation by counts and relative poses within `HORIZON` against the reference, m and
         rad (rms); None without a reference, or where there is no solution."""

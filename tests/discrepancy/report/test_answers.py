@@ -211,6 +211,19 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
             answered(noise={"position_m": 0.02, "heading_rad": 0.02}),
             "explains these logs, beside the reference's own noise of about 28.3 mm and 20 mrad: nothing is missing.",
         ),
+        (  # one pose tells little of noise, a hundred do
+            answered(noise={"position_m": 0.0006, "heading_rad": 0.001, "poses": 1}),
+            "explains these logs, beside the reference's own noise of about 0.849 mm",
+        ),
+        (
+            answered(noise={"position_m": 0.0006, "heading_rad": 0.001, "poses": 100}),
+            "No effect that matters is found, but odometry is off the reference by 12.5 mm",
+        ),
+        (
+            answered(noise={"position_m": 0.02, "heading_rad": 4.2}, too_little=True),
+            "Nothing is found, but these logs show too little to be sure, beside the reference's own noise of about "
+            "28.3 mm and 4200 mrad: drive on for longer.",
+        ),
     ],
 )
 def test_every_verdict_is_a_sentence_and_lines_and_a_page_without_empty_parts(data, part):
