@@ -49,14 +49,12 @@ def diagnose_train(
     first = _first(train, logs)
     try:
         named, seen, posterior, answers = _named(train, first, good)
-        jackknifed = _jackknifed(seen)
     except InputError:  # beside what seems likely of a train that has folded up, its motion has no solution
-        seen, jackknifed = first, _jackknifed(first)
-        if jackknifed is None:
+        if (jackknifed := _jackknifed(first)) is None:
             raise
-    if jackknifed is not None:
-        answers = judged([jackknifed], (), None, None, Material(0.0, 0.0))  # it matters, whatever it costs
-        return Diagnosis(train, weakest(answer.verdict for answer in answers), answers, {}, first, seen, None)
+        return _folded_up(train, jackknifed, first, first)
+    if (jackknifed := _jackknifed(seen)) is not None:
+        return _folded_up(train, jackknifed, first, seen)
     answers = _of_lasting_noise(answers, named, seen)
     held, order = None, None
     if held_out:
@@ -74,6 +72,14 @@ def diagnose_train(
     answers = judged(every, named, held, order, material, usual_gap=usual_gap, own=(first, seen))
     inclusion = by_all_logs(posterior.inclusion(), every, answers)
     return Diagnosis(train, weakest(answer.verdict for answer in answers), answers, inclusion, first, seen, held)
+
+
+def _folded_up(
+    train: TrainDescription, jackknifed: Answer, first: Linearised, seen: Linearised
+) -> Diagnosis[TrainDescription, Linearised]:
+    """Return the diagnosis of a train that has jackknifed, which matters, whatever it costs."""
+    answers = judged([jackknifed], (), None, None, Material(0.0, 0.0))
+    return Diagnosis(train, weakest(answer.verdict for answer in answers), answers, {}, first, seen, None)
 
 
 def _named(

@@ -29,9 +29,9 @@ STILL = 1.0
 FIRST = 3
 """Rounds without a start before sizes are fitted."""
 
-SHORTER = 0.5 ** np.arange(6)
-"""Parts of a step of a fit that are tried until the motion is likelier: frames are bent far where a description is
-wrong, and equations hold near a motion only."""
+SHORTEST = 1 / 32
+"""Part of a step of a fit down to which it is halved until the motion is likelier: frames are bent far where a
+description is wrong, and equations hold near a motion only."""
 
 OFTEN = 0.9
 """Largest part of the time that an axle may slide; if it seems to slide more, the cause is an error of the
@@ -238,13 +238,15 @@ def fit_states(
             by_number: Array = -np.linalg.solve(strength, columns.T @ apart[:, 0] + prior * number).astype(float)
             by_sample = -(states[:, 0] + states[:, 1:] @ by_number).reshape(log.k, log.block)
             left = apart[:, 0] + apart[:, 1:] @ by_number
-            before, squares_before = motions[j], float(residual @ residual + np.sum(prior * number**2))
-            for part in SHORTER:
+            before, squares_before, part = motions[j], residual @ residual + np.sum(prior * number**2), 1.0
+            while True:
                 motions[j] = before.moved(part * by_sample, part * by_number[: log.numbers])
                 there = problem.weighed_residual(log.residuals(current.with_noise(built), motions[j]))
                 there = there + columns[:, log.numbers :] @ (amount[own] + part * by_number[log.numbers :])
-                if there @ there + np.sum(prior * (number + part * by_number) ** 2) <= squares_before:
+                squares_there = there @ there + np.sum(prior * (number + part * by_number) ** 2)
+                if squares_there <= squares_before or part <= SHORTEST:
                     break
+                part /= 2
             amount[own] += part * by_number[log.numbers :]
             deviance += float(left @ left + np.sum(prior * (number + by_number) ** 2))
             shared = strength[: log.numbers, : log.numbers]
