@@ -71,7 +71,7 @@ class Seen:
     without how far wheels disagree. redundant: whether encoders can contradict each other; else an effect that is not
     in the model passes for noise. masked: part of the effects in the model that wheel creep masks. lasting: columns of
     effects that add up over a whole log, by which logs may agree better than their noise lets them; empty: none is
-    known to.
+    known to. poses: number of reference poses in use.
     """
 
     columns: Mapping[Any, NDArray[np.intp]]
@@ -83,6 +83,7 @@ class Seen:
     redundant: bool
     masked: float
     lasting: NDArray[np.intp]
+    poses: int
 
     @property
     def candidates(self) -> tuple[Any, ...]:

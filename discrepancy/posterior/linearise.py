@@ -67,8 +67,8 @@ class Linearised(Seen):
     `cost_of_sizes`, or apparent error for the rate of a clock. masked: as logs show it; as much as predicted, if wheels
     that disagree do not tell. creep: factor of predicted creep under forces. errors: of each log, the difference
     between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad. slips (K - 1,
-    w): slips of wheels beyond the predicted ones, m. poses: see `Seen`. pulls: what commands say, in each log. designs,
-    disagreements: of each log; empty after `without_designs`."""
+    w): slips of wheels beyond the predicted ones, m. pulls: what commands say, in each log. designs, disagreements: of
+    each log; empty after `without_designs`."""
 
     state: State
     noise: Noise
@@ -79,7 +79,6 @@ class Linearised(Seen):
     disagreements: tuple[Disagreement, ...]
     pulls: tuple[Pull, ...]
     slips: tuple[Array, ...]
-    poses: int
 
     @property
     def gap(self) -> tuple[float, float] | None:

@@ -54,11 +54,6 @@ class Linearised(Seen):
         return self.fit.sizes
 
     @property
-    def poses(self) -> int:
-        """See `Seen`."""
-        return sum(len(log.at) * log.n for log in self.train_logs)
-
-    @property
     def gap(self) -> tuple[float, float] | None:
         """Error of the train's localisation by counts and relative poses within `HORIZON` against the reference, m and
         rad (rms); None without a reference, or where there is no solution."""
@@ -149,6 +144,7 @@ def linearise(
         redundant=True,  # axles are seen by posture sensors, so encoders can contradict each other
         masked=0.0,
         lasting=np.zeros(0, dtype=np.intp),  # of trains only single logs were compared
+        poses=sum(len(log.at) * log.n for log in logs),
         train=train,
         train_logs=tuple(logs),
         fit=found,

@@ -110,12 +110,7 @@ def shortened_by_noise(frame: Frame) -> tuple[float, float]:
 
 def live(frame: Frame) -> Array:
     """Return 1 for each gauge of a frame that works, 0 for a dead one (gauges,)."""
-    return np.array([float(number not in frame.dead_gauges) for number in range(1, len(frame.gauge_positions) + 1)])
-
-
-def gains(frame: Frame) -> Array:
-    """Return the gains of a frame's gauges (gauges,)."""
-    return np.array(frame.gauge_gains or [1.0] * len(frame.gauge_positions))
+    return gauges_of((frame,)).alive[0].astype(float)
 
 
 @lru_cache(maxsize=64)

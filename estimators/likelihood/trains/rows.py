@@ -16,6 +16,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.geometry.se2 import compose, inverse
 from castor_envs.geometry.steps import path_of
 from castor_envs.logs.log import Log
+from castor_envs.sensors.posture import gauges_of
 from castor_envs.vehicles.train import TrainDescription
 from estimators.likelihood.trains import bending
 from estimators.likelihood.trains.motion import Motion
@@ -292,7 +293,7 @@ class TrainLog:
             numbers = np.zeros((k, 3, self.numbers))
             numbers[..., self.gauges[f] : self.gauges[f + 1]] = -bends.by_gauge[f] * self.read[:, f, None, None]
             raised = self._bowed(built, ends[:, f], motion.tension[:, f], f) * self.read[:, f]
-            numbers[..., self.creeping + n + f] = -(bends.by_gauge[f] @ bending.gains(frame)) * raised[:, None]
+            numbers[..., self.creeping + n + f] = -(bends.by_gauge[f] @ gauges_of((frame,)).gain[0]) * raised[:, None]
             placed = np.concatenate([places[:, f], of_tension[:, f, None]], axis=-1)
             found[f"gauges{f}"] = self._sparse(
                 np.broadcast_to(placed[:, None], (k, 3, 7)),

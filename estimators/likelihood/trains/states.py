@@ -63,10 +63,12 @@ class Term:
 class Equations:
     """One log's equations about a motion, weighed: residual (R,), derivatives by samples (R, K B) and nuisances (R, n).
 
-    left, weights: of each kind, before weighing, and apart from 1 / size; kinds: its rows; used: how many of them have
-    weight. ends: curvature at the frames' ends. factor: of the samples' normal equations.
+    built: the train, with the noise of gauges that the sizes say. left, weights: of each kind, before weighing, and
+    apart from 1 / size; kinds: its rows; used: how many of them have weight. ends: curvature at the frames' ends.
+    factor: of the samples' normal equations.
     """
 
+    built: TrainDescription
     sizes: Sizes
     left: dict[str, Array]
     weights: dict[str, Array]
@@ -98,7 +100,7 @@ class Equations:
         by_sample = csr_array(vstack(matrices, format="csr"))
         factor = _banded(by_sample, log.block)
         columns = np.concatenate(residuals), by_sample, np.concatenate(numbers)
-        return cls(sizes, left, weights, kinds, used, bends.ends, *columns, factor)
+        return cls(built, sizes, left, weights, kinds, used, bends.ends, *columns, factor)
 
     def without(self, kinds: Sequence[str], block: int) -> tuple["Equations", NDArray[np.bool_]]:
         """Return the equations to solve without those of some kinds, and which rows (R,) remain; block: unknowns of a
@@ -241,7 +243,7 @@ def fit_states(
             before, squares_before, part = motions[j], residual @ residual + np.sum(prior * number**2), 1.0
             while True:
                 motions[j] = before.moved(part * by_sample, part * by_number[: log.numbers])
-                there = problem.weighed_residual(log.residuals(current.with_noise(built), motions[j]))
+                there = problem.weighed_residual(log.residuals(problem.built, motions[j]))
                 there = there + columns[:, log.numbers :] @ (amount[own] + part * by_number[log.numbers :])
                 squares_there = there @ there + np.sum(prior * (number + part * by_number) ** 2)
                 if squares_there <= squares_before or part <= SHORTEST:

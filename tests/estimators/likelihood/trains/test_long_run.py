@@ -16,9 +16,8 @@ def equations(noise) -> Equations:
     """Each sample has one unknown, which two rows measure; `noise` (SAMPLES, 2) is all that is left."""
     by_sample = csr_array((np.ones(2 * SAMPLES), np.repeat(np.arange(SAMPLES), 2), np.arange(2 * SAMPLES + 1)))
     nothing: Any = None
-    return Equations(
-        nothing, {}, {}, {}, {}, nothing, noise.ravel(), by_sample, np.zeros((2 * SAMPLES, 0)), _banded(by_sample, 1)
-    )
+    columns = noise.ravel(), by_sample, np.zeros((2 * SAMPLES, 0))
+    return Equations(nothing, nothing, {}, {}, {}, {}, nothing, *columns, _banded(by_sample, 1))
 
 
 @pytest.mark.parametrize(("lasting", "expected"), [(0.0, 1.0), (0.5, 2.0), (0.8, 5.0), (-0.5, 2 / 3)])
