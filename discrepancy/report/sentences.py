@@ -130,7 +130,7 @@ def unfound(data: Data) -> str:
     what the reference's own noise makes, and than in clean logs; else nothing."""
     if material(data) or data["mistakes"] or data["noise"] is None:
         return ""
-    none, doubt = (0.0, 0.0), _doubt_of_noise(data["noise"].get("poses"))
+    none, doubt = (0.0, 0.0), _doubt_of_noise(data["noise"]["poses"])
     pairs = zip(_noise(data), data["clean_gap"] or none, strict=True)
     usual = [max((noise or 0.0) * doubt, gap or 0.0) for noise, gap in pairs]
     for log_set, of in GAPS:
@@ -144,10 +144,9 @@ def unfound(data: Data) -> str:
     return ""
 
 
-def _doubt_of_noise(poses: int | None) -> float:
-    """Return by what factor noise may be larger than its estimate from so many poses, at its 95 % limit; 1 of an
-    unknown number."""
-    return 1.0 if not poses else math.sqrt(poses / float(chi2.ppf(1 - CREDIBLE, poses)))
+def _doubt_of_noise(poses: int) -> float:
+    """Return by what factor noise may be larger than its estimate from so many poses, at its 95 % limit."""
+    return math.sqrt(poses / float(chi2.ppf(1 - CREDIBLE, poses)))
 
 
 def _noise(data: Data) -> list[float | None]:

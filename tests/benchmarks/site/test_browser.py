@@ -49,7 +49,7 @@ DIAGNOSIS = {
     "names": {LONG: LONG},
     "gap": [[0.01, 0.01], [0.001, 0.001]],
     "held_out_gap": [[0.01, 0.01], [0.001, 0.001]],
-    "noise": {"position_m": 1e-4, "heading_rad": 1e-4},
+    "noise": {"position_m": 1e-4, "heading_rad": 1e-4, "poses": 1000},
     "logs": [f"{LONG}/log.csv"],
     "held_out_logs": [],
     "clean_logs": [],

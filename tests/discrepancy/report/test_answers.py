@@ -52,7 +52,7 @@ DATA: dict[str, Any] = {
     "gap": [[0.0125, 0.0123], [0.0004, 0.0005]],
     "held_out_gap": None,
     "clean_gap": None,
-    "noise": {"position_m": 0.0003, "heading_rad": 0.0002},
+    "noise": {"position_m": 0.0003, "heading_rad": 0.0002, "poses": 1000},
     "logs": ["monday/log.csv", "tuesday/log.csv"],
     "held_out_logs": [],
     "clean_logs": [],
@@ -171,7 +171,10 @@ def test_where_half_of_the_gap_stays_it_names_the_likeliest_of_what_is_left_out(
 
 
 def test_of_a_gap_that_is_noise_it_says_so():
-    data = DATA | {"gap": [[0.0013, 0.001], [0.0011, 0.001]], "noise": {"position_m": 0.0008, "heading_rad": 0.001}}
+    data = DATA | {
+        "gap": [[0.0013, 0.001], [0.0011, 0.001]],
+        "noise": {"position_m": 0.0008, "heading_rad": 0.001, "poses": 1000},
+    }
     says = "85 % of the gap stays, 1.1 of 1.3 mm (rms); the reference's own noise is about 1.1 mm."
     assert sentences.sentence(data).startswith(says)
     assert not sentences.unexplained(data)
@@ -208,7 +211,7 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
         (answered(), "No effect that matters is found, but odometry is off the reference by 12.5 mm"),
         (answered(noise=None), "The robot's file explains these logs: nothing is missing."),
         (
-            answered(noise={"position_m": 0.02, "heading_rad": 0.02}),
+            answered(noise={"position_m": 0.02, "heading_rad": 0.02, "poses": 1000}),
             "explains these logs, beside the reference's own noise of about 28.3 mm and 20 mrad: nothing is missing.",
         ),
         (  # one pose tells little of noise, a hundred do
@@ -220,7 +223,7 @@ def test_a_gross_mistake_is_reported_with_its_alternatives():
             "No effect that matters is found, but odometry is off the reference by 12.5 mm",
         ),
         (
-            answered(noise={"position_m": 0.02, "heading_rad": 4.2}, too_little=True),
+            answered(noise={"position_m": 0.02, "heading_rad": 4.2, "poses": 1000}, too_little=True),
             "Nothing is found, but these logs show too little to be sure, beside the reference's own noise of about "
             "28.3 mm and 4200 mrad: drive on for longer.",
         ),
