@@ -17,10 +17,11 @@ from castor_envs.effects.parts import wheel_channel
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate
-from discrepancy.posterior.calibrated import LOG_ODDS
+from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE
 from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.named_together import by_formula
-from discrepancy.posterior.model.refit import Sized, families_of, fit_with, with_effects
+from discrepancy.posterior.model.refit import Sized, families_of, fit_with, sizes_of, with_effects
+from discrepancy.posterior.random_effects import summed
 from estimators.likelihood.channels import Channels
 
 
@@ -29,25 +30,23 @@ def in_good_order(
 ) -> frozenset[str]:
     """Return the families of effects that clean logs show as large, alone or all together: they were there before.
 
-    Clean logs are likelier with them than without them, and than with half of them: where all of what they cause has
-    given way, nothing tells any size. The linear formula about a robot without them need not show that: of what passes
-    for noise it sees little. How wheels disagree does not show it alone: where most of what an effect causes has given
-    way, what is left may look like anything that wheels in good order do, and the more so the larger it is. good: clean
-    logs linearised with this robot.
+    Clean logs are likelier with them than without them, and than with half of them, by more than the error of their
+    signatures lets them be: what wheel creep masks of a large effect makes logs a little likelier or less likely, as
+    creep is not as predicted. The linear formula about a robot without them need not show that clean logs have them:
+    of what passes for noise it sees little. good: clean logs linearised with this robot.
     """
 
-    def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> tuple[float, float]:
-        """Return the log evidence, and that without how wheels disagree."""
+    def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> float:
         sizes = tuple(effect.moved((part - 1) * effect.amplitudes) for effect in effects)
         found = fit_with(
             robot, lambda some, *_: linearise(with_effects(robot, some), clean, start=good, among=()), sizes, good
         )
-        return (-np.inf, -np.inf) if found is None else (found.log_evidence, found.log_evidence_of_motion)
+        return -np.inf if found is None else found.log_evidence
 
     def shown(effects: Sequence[Sized]) -> bool:
-        whole, of_motion = log_evidence(effects)
-        likelier = whole > good.log_evidence + LOG_ODDS and of_motion > good.log_evidence_of_motion
-        return likelier and whole > log_evidence(effects, 0.5)[0] + LOG_ODDS
+        unmasked = sizes_of([effect for effect in effects if effect.candidate in good.candidates], good, masked=0.0)
+        least = LOG_ODDS * (1 + SIGNATURE**2 * float(unmasked @ summed(good.logs).information @ unmasked))
+        return log_evidence(effects) > max(good.log_evidence, log_evidence(effects, 0.5)) + least
 
     sized = [effect for effect in named if not effect.candidate.kinds[0].binary]
     if len(sized) > 1 and shown(sized):

@@ -27,7 +27,7 @@ def clean(size):
     real = ROBOT.with_effects(WheelRadius(castor=1, wheel=1, value=size)) if size else ROBOT
     courses = [wander(np.random.default_rng([seed, 1]), duration=20.0, holonomic=False) for seed in (1, 2)]
     logs = [drive(real, course, seed, duration=20.0) for seed, course in enumerate(courses)]
-    return logs, linearise(ROBOT, logs, among=())
+    return logs, linearise(ROBOT, logs, among=[RADIUS, TRACK])
 
 
 def of(candidate, size):
@@ -60,9 +60,10 @@ def test_a_latency_that_only_looks_like_how_wheels_disagree_was_not_there_before
         drive(robot.with_effects(*late), course, seed, duration=20.0) for seed, course in enumerate(drives, start=1)
     ]
     kind = EncoderLatency(castor=1, wheel=1, value=EncoderLatency.step)
-    good = linearise(robot, logs, among=())
+    late = Candidate("late", (kind,))
+    good = linearise(robot, logs, among=[late])
     for told in (0.03, 0.06):
-        assert in_good_order(robot, logs, good, [of(Candidate("late", (kind,)), told)]) == frozenset()
+        assert in_good_order(robot, logs, good, [of(late, told)]) == frozenset()
 
 
 def test_clean_logs_of_which_all_has_given_way_show_no_size():
@@ -74,8 +75,9 @@ def test_clean_logs_of_which_all_has_given_way_show_no_size():
         dataclasses.replace(drive(robot, course, seed, duration=20.0), reference=None)
         for seed, course in enumerate(drives, start=1)
     ]
-    good = linearise(robot, logs, among=())
-    for castor in (1, 2, 3, 4):
-        kind = PivotPositionX(castor=castor, value=PivotPositionX.step)
+    positions = [PivotPositionX(castor=castor, value=PivotPositionX.step) for castor in (1, 2, 3, 4)]
+    ahead = [Candidate("ahead", (kind,)) for kind in positions]
+    good = linearise(robot, logs, among=ahead)
+    for candidate in ahead:
         for size in (0.07, -0.1):
-            assert in_good_order(robot, logs, good, [of(Candidate("ahead", (kind,)), size)]) == frozenset()
+            assert in_good_order(robot, logs, good, [of(candidate, size)]) == frozenset()
