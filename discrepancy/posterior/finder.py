@@ -49,7 +49,7 @@ from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
-from discrepancy.posterior.variances.lost import advantage, lossy_above, lossy_encoders, of_same_wheel
+from discrepancy.posterior.variances.lost import advantage, at_its_speed, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, weakest
 from discrepancy.validation.cost import WAY
@@ -163,7 +163,8 @@ class _Search:
         self.creep = None if good is None else good.creep
         self.places = () if good is None else _at_places(good)
         self.events, self.released, self.curve = Events(), Released(), None
-        self.lossy, self.curve_sought, self.timed = frozenset[str](), False, set[frozenset[str]]()
+        self.lossy, self.curve_sought = frozenset[str](), False
+        self.timed, self.sped = set[frozenset[str]](), set[frozenset[str]]()
         self.doubted = set[tuple[frozenset[str], frozenset[str]]]()
         self.slid = _of_contacts(robot) if any(log.undone for log in logs) else frozenset[str]()
         self.plain = linearise(robot, logs, creep=self.creep, places=self.places)
@@ -174,12 +175,17 @@ class _Search:
         if self.jittery is not None and not self.jittery.unnamed:
             period = float(np.median(np.concatenate([np.diff(log.t) for log in logs])))
             self.jitter = float(SampleJitter.deviation(self.jittery.amplitudes, period)[0])
-        self.begin = most_likely(robot, logs, self.plain)
+        self.begin: Sequence[Sized] = ()
 
     def run(self) -> None:
         """Name effects, and begin anew with what else the logs show beside these, until they show nothing else, or for
         `MOST_SEARCHES` times: as more and more of a log is released, what is left looks more and more unusual."""
-        first = self.afresh() if self.jitter or self.begin else self.plain
+        first = self.afresh() if self.jitter else self.plain
+        if built := most_likely(self.robot, self.logs, self.plain):
+            without, self.begin = first, built
+            first = self.afresh()
+            if first.log_evidence <= without.log_evidence + LOG_ODDS:  # none of them would be named
+                first, self.begin = without, ()
         self.plain = self.plain.without_designs()
         for left in reversed(range(MOST_SEARCHES)):
             self.somewhere = _at_places(first)
@@ -188,7 +194,14 @@ class _Search:
             )
             if not left:
                 return
-            else_shown = (self.with_events, self.with_fault, self.with_lost_counts, self.with_hidden, self.with_curve)
+            else_shown = (
+                self.with_speeds,
+                self.with_events,
+                self.with_fault,
+                self.with_lost_counts,
+                self.with_hidden,
+                self.with_curve,
+            )
             begin = next((begin for look in else_shown if (begin := look()) is not None), None)
             if begin is None:
                 return
@@ -222,6 +235,10 @@ class _Search:
         at = {"creep": self.creep, "released": self.released, "jitter": self.jitter}
         return linearise(robot, self.logs, **at | options)
 
+    def fit(self, effects: Sequence[Sized], among: Sequence[Cause]) -> Linearised | None:
+        """Return the statistics beside effects, of these candidates; None if they do not fit at all."""
+        return fit_with(self.base, lambda *_: self.look(effects, self.seen, among), tuple(effects), self.seen)
+
     def ask(self, seen: Linearised, named: Sequence[Sized], without: Collection[str]) -> Asked:
         """Return the posterior and the answers beside effects; see `named_together`."""
         try:
@@ -253,6 +270,20 @@ class _Search:
         self.events, self.released = extended, released
         return self.begin
 
+    def with_speeds(self) -> Sequence[Sized] | None:
+        """Return the effects to begin anew with where an encoder in the model loses counts above another speed; None if
+        none does."""
+        in_model = families_of(self.named)
+        if in_model in self.sped:
+            return None
+        self.sped.add(in_model)
+        effects = at_its_speed(self.robot, self.logs, self.named, self.fit)
+        if {effect.candidate for effect in effects} == {effect.candidate for effect in self.named}:
+            return None
+        least = self.seen.log_evidence + advantage(effects, self.named, self.odds)
+        fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, least)
+        return fitted if beside.log_evidence > least else None
+
     def with_lost_counts(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where a wheel's encoder loses counts at speed; None if none does."""
         while lossy := self.lossy_encoders(self.lossy):
@@ -263,11 +294,7 @@ class _Search:
         if in_model in self.timed:
             return None
         self.timed.add(in_model)
-
-        def look(effects: Sequence[Sized], among: Sequence[Cause]) -> Linearised | None:
-            return fit_with(self.base, lambda *_: self.look(effects, self.seen, among), tuple(effects), self.seen)
-
-        effects = lossy_above(self.robot, self.logs, self.named, look, self.odds)
+        effects = lossy_above(self.robot, self.logs, self.named, self.fit, self.odds)
         if effects is None:
             return None
         as_it_is = self.look(self.named, self.seen, self.among)  # its states may not have converged either

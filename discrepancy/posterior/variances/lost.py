@@ -5,7 +5,8 @@ How far it rolls by the other wheels, or, where these do not tell, by the refere
 its encoder loses a part; the part with which both agree best is where the whole model is fitted from.
 
 From which speed on counts are lost, nobody knows beforehand. Beside the effects in the model, and with each of them
-left out, losses above several speeds are compared by their signatures; the speed of the best is refined by fits.
+left out, losses above several speeds are compared by their signatures. The speed of the best, as that of a loss in the
+model, is refined by fits.
 """
 
 import math
@@ -75,6 +76,20 @@ def lossy_encoders(
     return found
 
 
+def at_its_speed(robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], look: Look) -> Effects:
+    """Return the effects in the model (`named`), each loss of counts above the speed with which fits are the
+    likeliest.
+
+    robot: without effects.
+    """
+    found = tuple(named)
+    for effect in named:
+        if isinstance(effect.candidate.kinds[0], TickLoss):
+            apart = next(step for loss, step in _at_speeds(robot, logs) if loss.family == effect.candidate.family)
+            found = _refined((*(other for other in found if other is not effect), effect), apart, look)
+    return found
+
+
 def lossy_above(
     robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], look: Look, odds: float
 ) -> Effects | None:
@@ -90,6 +105,8 @@ def lossy_above(
         return None
     for candidate, step in apart.items():
         for left_out in (None, *range(len(named))):
+            if candidate.family in families_of([effect for k, effect in enumerate(named) if k != left_out]):
+                continue  # a wheel loses counts above one speed
             proposed, gain = _proposed(candidate, named, left_out, seen)
             if gain > advantage(proposed, named, odds) + best and proposed[-1].size > 0:
                 best, found = gain - advantage(proposed, named, odds), (proposed, step)

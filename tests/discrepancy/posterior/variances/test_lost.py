@@ -81,6 +81,19 @@ def test_the_speed_is_found_where_encoders_contradict_each_other():
     assert sized.effect.above == pytest.approx(loss.above, rel=0.05)
 
 
+def test_a_loss_above_another_speed_than_the_catalogue_s_is_one_loss():
+    """The catalogue's is 5 rad/s: losses above that and above 4.2 rad/s were named, of 3.7 and 1.4 %."""
+    robot = preset("5-castor")
+    loss = TickLoss(castor=5, wheel=2, value=0.05, above=4.4)
+    drives = (wander(np.random.default_rng([18, k]), duration=30.0) for k in (1, 2))
+    log, held_out = (drive(robot.with_effects(loss), motion, k, duration=30.0) for k, motion in enumerate(drives))
+    (answer,) = diagnose(robot, [log], [held_out]).answers
+    assert (answer.verdict, answer.credible) == ("named", ("tick_loss 5 2 forward",))
+    assert answer.size == pytest.approx(loss.value, rel=0.02)
+    assert isinstance(answer.effect, TickLoss)
+    assert answer.effect.above == pytest.approx(loss.above, rel=0.02)
+
+
 def test_no_speed_is_found_where_nothing_is_lost():
     log = log_of(1)
 
