@@ -131,7 +131,8 @@ def reference(robot: RobotDescription, t: ArrayLike, pose: ArrayLike) -> Array:
 
 def _with_default(field: Field[Any]) -> str:
     """Return the name of a field of an effect's class, as Markdown, with its default, if it has one."""
-    return f"`{field.name}`" + ("" if field.default in (MISSING, None) else f" ({field.default})")
+    default = "none" if field.default is None else field.default
+    return f"`{field.name}`" + ("" if default is MISSING else f" ({default})")
 
 
 def table(scope: Scope) -> str:
