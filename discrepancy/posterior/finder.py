@@ -49,7 +49,7 @@ from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
-from discrepancy.posterior.variances.lost import advantage, at_its_speed, lossy_above, lossy_encoders, of_same_wheel
+from discrepancy.posterior.variances.lost import advantage, as_one_loss, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, weakest
 from discrepancy.validation.cost import WAY
@@ -164,7 +164,7 @@ class _Search:
         self.places = () if good is None else _at_places(good)
         self.events, self.released, self.curve = Events(), Released(), None
         self.lossy, self.curve_sought = frozenset[str](), False
-        self.timed, self.sped = set[frozenset[str]](), set[frozenset[str]]()
+        self.timed, self.one_loss = set[frozenset[str]](), set[frozenset[str]]()
         self.doubted = set[tuple[frozenset[str], frozenset[str]]]()
         self.slid = _of_contacts(robot) if any(log.undone for log in logs) else frozenset[str]()
         self.plain = linearise(robot, logs, creep=self.creep, places=self.places)
@@ -195,7 +195,7 @@ class _Search:
             if not left:
                 return
             else_shown = (
-                self.with_speeds,
+                self.with_one_loss,
                 self.with_events,
                 self.with_fault,
                 self.with_lost_counts,
@@ -270,14 +270,14 @@ class _Search:
         self.events, self.released = extended, released
         return self.begin
 
-    def with_speeds(self) -> Sequence[Sized] | None:
-        """Return the effects to begin anew with where an encoder in the model loses counts above another speed; None if
-        none does."""
+    def with_one_loss(self) -> Sequence[Sized] | None:
+        """Return the effects to begin anew with where an encoder in the model loses counts above another speed, or both
+        ways as one; None if none does."""
         in_model = families_of(self.named)
-        if in_model in self.sped:
+        if in_model in self.one_loss:
             return None
-        self.sped.add(in_model)
-        effects = at_its_speed(self.robot, self.logs, self.named, self.fit)
+        self.one_loss.add(in_model)
+        effects = as_one_loss(self.robot, self.logs, self.named, self.fit)
         if {effect.candidate for effect in effects} == {effect.candidate for effect in self.named}:
             return None
         least = self.seen.log_evidence + advantage(effects, self.named, self.odds)

@@ -8,6 +8,7 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit, logit
 from threadpoolctl import threadpool_limits
 
 from castor_envs.errors import InputError
@@ -102,13 +103,22 @@ def _named(
 
 
 def _of_lasting_noise(answers: Sequence[Answer], named: Sequence[Sized], seen: Linearised) -> list[Answer]:
-    """Return answers with the errors of effects in the model as large as their scores' variance over long times shows:
-    slip is not white."""
+    """Return answers on effects in the model as their scores' variance over long times shows, as slip is not white:
+    errors are larger by its ratio to that of white noise, and what an effect explains counts by so much less."""
     in_model = [cause for cause in _of_trains([effect.candidate for effect in named]) if not cause.kinds[0].binary]
     ratio: dict[Cause, float] = {}
     if in_model:
         ratio |= zip(in_model, seen.long_run(in_model).tolist(), strict=True)
-    return [replace(answer, covariance=answer.covariance * ratio.get(answer.candidate, 1.0)) for answer in answers]
+    return [_less_certain(answer, ratio.get(answer.candidate, 1.0)) for answer in answers]
+
+
+def _less_certain(answer: Answer, ratio: float) -> Answer:
+    """Return an answer on an effect whose score has a variance larger by a ratio."""
+    present, lost = 1 - answer.absent, answer.explained / 2 * (1 - 1 / ratio)
+    absent = float(expit(logit(max(answer.absent, np.finfo(float).tiny)) + lost))
+    kept = (1 - absent) / present if present else 0.0
+    probabilities = {name: kept * part for name, part in answer.probabilities.items()} | {"nothing": absent}
+    return replace(answer, covariance=answer.covariance * ratio, probabilities=probabilities, absent=absent)
 
 
 def _jackknifed(seen: Linearised) -> Answer | None:

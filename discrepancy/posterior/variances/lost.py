@@ -9,6 +9,7 @@ left out, losses above several speeds are compared by their signatures. The spee
 model, is refined by fits.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
@@ -76,18 +77,36 @@ def lossy_encoders(
     return found
 
 
-def at_its_speed(robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], look: Look) -> Effects:
-    """Return the effects in the model (`named`), each loss of counts above the speed with which fits are the
-    likeliest.
+def as_one_loss(robot: RobotDescription, logs: Sequence[Log], named: Sequence[Sized], look: Look) -> Effects:
+    """Return the effects in the model (`named`), each loss of counts above the speed with which fits are the likeliest,
+    and those of one wheel forward and backward as one either way.
 
     robot: without effects.
     """
-    found = tuple(named)
-    for effect in named:
+    found = _either_way(named)
+    for effect in found:
         if isinstance(effect.candidate.kinds[0], TickLoss):
             apart = next(step for loss, step in _at_speeds(robot, logs) if loss.family == effect.candidate.family)
             found = _refined((*(other for other in found if other is not effect), effect), apart, look)
     return found
+
+
+def _either_way(named: Sequence[Sized]) -> Effects:
+    """Return effects with the losses of a wheel's counts forward and backward as one either way, of their mean."""
+    found = tuple(named)
+    for one, other in itertools.permutations(named, 2):
+        (forward,), (backward,) = one.candidate.kinds[:1], other.candidate.kinds[:1]
+        if isinstance(forward, TickLoss) and isinstance(backward, TickLoss) and forward.direction == "forward":
+            both = replace(forward, direction="both", above=round((forward.above + backward.above) / 2, 3))
+            if replace(backward, value=both.value, above=both.above, direction="both") == both:
+                mean = (one.amplitudes + other.amplitudes) / 2
+                found = (*(effect for effect in found if effect not in (one, other)), Sized(_loss(both), mean))
+    return found
+
+
+def _loss(effect: TickLoss) -> Candidate:
+    """Return the candidate of one loss."""
+    return Candidate(described(effect), (effect,))
 
 
 def lossy_above(
@@ -166,8 +185,7 @@ def _at_speeds(robot: RobotDescription, logs: Sequence[Log]) -> Iterator[tuple[C
         speeds = [np.abs(np.diff(log.wheel[:, k])) * per_count / np.diff(log.t) for log in logs]
         fastest = float(np.percentile(np.concatenate(speeds), FASTEST))
         for part in SPEEDS.tolist():
-            effect = replace(kind, above=round(part * fastest, 3))
-            yield Candidate(described(effect), (effect,)), fastest * float(SPEEDS[0])
+            yield _loss(replace(kind, above=round(part * fastest, 3))), fastest * float(SPEEDS[0])
 
 
 def _proposed(
@@ -201,8 +219,7 @@ def _refined(effects: Effects, apart: float, look: Look) -> Effects:
     assert isinstance(kind, TickLoss)
 
     def above(speed: float) -> tuple[float, float, Effects]:
-        effect = replace(kind, above=round(speed, 3))
-        proposed = *kept, replace(loss, candidate=Candidate(described(effect), (effect,)))
+        proposed = *kept, replace(loss, candidate=_loss(replace(kind, above=round(speed, 3))))
         seen = look(proposed, [])
         return -math.inf if seen is None else seen.log_evidence, speed, proposed
 

@@ -23,7 +23,7 @@ from discrepancy.posterior.verdicts import Material
 from discrepancy.report import sentences
 from discrepancy.trains.candidates import Candidate
 from discrepancy.trains.gauges import with_dead_gauges
-from discrepancy.trains.posterior import diagnose_train
+from discrepancy.trains.posterior import _less_certain, diagnose_train
 
 
 def found_in(*logs, **more):
@@ -162,6 +162,19 @@ def test_a_motion_that_does_not_show_it_confirms_nothing(driven):
     found = found_in(driven(**hidden), held_out=[driven(seed=2, straight=True, **hidden)[0]])
     assert only(found).verdict == "unconfirmed"
     assert found.found == found.robot
+
+
+@pytest.mark.parametrize(("ratio", "log_odds"), [(1.0, 4.0), (2.0, -1.0), (5.0, -4.0)])
+def test_what_lasting_slip_explains_as_well_counts_for_less(ratio, log_odds):
+    """An effect that explains a deviance of 20 in white noise, of log odds of 4; its score varies `ratio` times as
+    much."""
+    odds, candidate = np.exp(4.0), Candidate("an effect", "an effect", "an effect")
+    answer = Answer.judged_apart(candidate, odds / (1 + odds), 1.0, 0.3, np.ones(2))
+    answer = dataclasses.replace(answer, explained=20.0, absent=answer.probabilities["nothing"])
+    told = _less_certain(answer, ratio)
+    assert np.log(told.probability / told.absent) == pytest.approx(log_odds)
+    assert sum(told.probabilities.values()) == pytest.approx(1.0)
+    assert told.error == pytest.approx(0.3 * ratio**0.5)
 
 
 def test_effects_of_clean_logs_are_good_order(driven):

@@ -15,7 +15,7 @@ from discrepancy.hypotheses.candidates import Candidate, candidates_of, describe
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized, with_effects
-from discrepancy.posterior.variances.lost import _is_radius, lossy_above, lossy_encoders, of_same_wheel
+from discrepancy.posterior.variances.lost import _is_radius, as_one_loss, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.trials.pymunk_generator import drive
 
 ROBOT = preset("omni3")
@@ -92,6 +92,22 @@ def test_a_loss_above_another_speed_than_the_catalogue_s_is_one_loss():
     assert answer.size == pytest.approx(loss.value, rel=0.02)
     assert isinstance(answer.effect, TickLoss)
     assert answer.effect.above == pytest.approx(loss.above, rel=0.02)
+
+
+def test_losses_of_a_wheel_forward_and_backward_are_one():
+    robot = preset("asoc-prototype")
+    loss = TickLoss(castor=2, wheel=1, value=0.02, above=6.4, direction="both")
+    logs = [drive(robot.with_effects(loss), wander(np.random.default_rng([17, 1]), duration=20.0), 1, duration=20.0)]
+    ways = [replace(loss, above=above, direction=way) for above, way in ((5.0, "forward"), (6.0, "backward"))]
+    radius = Sized(Candidate("radius", (WheelRadius(castor=1, wheel=1, value=0.001),)), np.array([1e-4]))
+    named = [*(Sized(Candidate(described(way), (way,)), np.array([way.value])) for way in ways), radius]
+
+    def look(effects, among):
+        return linearise(with_effects(robot, effects), logs, among=among)
+
+    kept, both = as_one_loss(robot, logs, named, look)
+    assert (kept, both.candidate.family) == (radius, "tick_loss 2 1 both")
+    assert both.effect.above == pytest.approx(loss.above, rel=0.05)
 
 
 def test_no_speed_is_found_where_nothing_is_lost():
