@@ -45,7 +45,7 @@ from discrepancy.posterior.model.refit import (
 from discrepancy.posterior.other_logs import in_good_order, in_phase
 from discrepancy.posterior.priors import hypotheses_of, order_of
 from discrepancy.posterior.single_effects import Posterior
-from discrepancy.posterior.variances.events import Events, Released
+from discrepancy.posterior.variances.events import Alone, Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
@@ -139,9 +139,9 @@ class _Search:
 
     named, seen, posterior, answers: as `named_together` returns them. slid: families of effects of which nothing is
     said, as wrong wiring drove wheels against each other until they slid. events: at certain times or places, whose
-    steps are `released`. doubted: the encoders, and the families in the model, whose faults were looked for. base: the
-    robot with `curve`, if one was learned. jitter: of the times of samples, s. creep: see `Diagnosis`. good: clean
-    logs, linearised.
+    steps are `released`; alone: those beside no effect. doubted: the encoders, and the families in the model, whose
+    faults were looked for. base: the robot with `curve`, if one was learned. jitter: of the times of samples, s.
+    creep: see `Diagnosis`. good: clean logs, linearised.
     """
 
     named: Effects
@@ -163,6 +163,7 @@ class _Search:
         self.creep = None if good is None else good.creep
         self.places = () if good is None else _at_places(good)
         self.events, self.released, self.curve = Events(), Released(), None
+        self.alone: Alone | None = None
         self.lossy, self.curve_sought = frozenset[str](), False
         self.timed, self.one_loss = set[frozenset[str]](), set[frozenset[str]]()
         self.doubted = set[tuple[frozenset[str], frozenset[str]]]()
@@ -187,6 +188,7 @@ class _Search:
             if first.log_evidence <= without.log_evidence + LOG_ODDS:  # none of them would be named
                 first, self.begin = without, ()
         self.plain = self.plain.without_designs()
+        self.alone = None if self.begin else Alone.found(self.robot, self.logs, first, self.good, self.names)
         for left in reversed(range(MOST_SEARCHES)):
             self.somewhere = _at_places(first)
             self.named, self.seen, self.posterior, self.answers = named_together(
@@ -196,6 +198,7 @@ class _Search:
                 return
             else_shown = (
                 self.with_one_loss,
+                self.with_events_alone,
                 self.with_events,
                 self.with_fault,
                 self.with_lost_counts,
@@ -269,6 +272,20 @@ class _Search:
                 return better[0]
         self.events, self.released = extended, released
         return self.begin
+
+    def with_events_alone(self) -> Sequence[Sized] | None:
+        """Return no effects to begin anew with where the logs are likelier with events that they show beside none than
+        with the effects in the model, which explain some of what events cause, and hide the rest; None if they are
+        not."""
+        if self.alone is None or not self.named:
+            return None
+        alone, self.alone = self.alone, None
+        slipping = self.linearised(self.robot, released=alone.released, start=self.seen, among=())
+        lossy = self.linearised(alone.lossy, start=self.seen, among=())
+        if max(slipping.log_evidence, lossy.log_evidence) <= self.seen.log_evidence + LOG_ODDS:
+            return None
+        self.events, self.released = alone.events, alone.released
+        return ()
 
     def with_one_loss(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where an encoder in the model loses counts above another speed, or both

@@ -42,6 +42,10 @@ EVEN, MOSTLY = 0.1, 0.75
 it."""
 
 
+AROUND = 20
+"""Number of periods that are tried on either side of a beat's, each farther by a step in all of its bursts."""
+
+
 class Faulty(NamedTuple):
     """A row of the constraints, a wheel's rolling or a castor's side slip, that contradicts the other rows
     intermittently.
@@ -214,7 +218,7 @@ def bursts_of(
     k = int(seen.designs[0].model.rows[row])
     if k >= len(robot.wheels):
         return None
-    shares, parts, fast_steps, windows, hits, log_odds = [], [], [], [], [], 0.0
+    ways, shares, parts, fast_steps, windows, hits, log_odds = [], [], [], [], [], [], 0.0
     for design, disagreement, probability in zip(seen.designs, seen.disagreements, active, strict=True):
         windows.append(np.repeat(np.arange(len(probability)), disagreement.steps))
         lost, _ = slip_of_row(design.model, design.geometry, design.state, row)  # m in each step, as the way
@@ -227,6 +231,7 @@ def bursts_of(
         hit = fewer & likely
         hits.append(hit)
         fast_steps.append(way > np.median(way) / 4)  # in slower steps the part lost is uncertain
+        ways.append((lost, way))
         shares.append(lost / np.maximum(way, 1e-12))
         parts.append(shares[-1][fast_steps[-1] & hit[windows[-1]]])
     inside = np.concatenate(parts)
@@ -246,16 +251,14 @@ def bursts_of(
     if width > SELDOM * period:
         return None
     castor, wheel = robot.wheel_places[k]
-    effect = TickLossBursts(
-        castor=castor,
-        wheel=wheel,
-        value=value,
-        period=period,
-        width=width,
-        start=0.0 if beat is None else beat[0],
-        seed=0 if beat is None else None,
-    )
-    return Bursts(effect, float(np.std(inside) / np.sqrt(len(inside))), log_odds)
+    start, seed = 0.0, 0
+    if beat is not None:
+        (start, period, width, in_bursts), seed = _box(logs[0].t, *ways[0], *beat), None
+        inside = shares[0][in_bursts & fast_steps[0]]
+        value = float(np.clip(np.median(inside), 0.0, 1.0))
+    error = float(np.std(inside) / np.sqrt(len(inside)))
+    effect = TickLossBursts(castor=castor, wheel=wheel, value=value, period=period, width=width, start=start, seed=seed)
+    return Bursts(effect, error, log_odds)
 
 
 def _log_odds(active: Array, fewer: NDArray[np.bool_]) -> float:
@@ -289,6 +292,33 @@ def _bursts(
         starts.append(weight @ middle[around] / weight.sum() - weight.sum() / 2)
         widths.append(float(weight.sum()))
     return np.array(starts), np.array(widths)
+
+
+def _box(
+    t: Array, lost: Array, way: Array, first: float, period: float
+) -> tuple[float, float, float, NDArray[np.bool_]]:
+    """Return when bursts of a steady beat start, their period, and how long they last, s, and which steps (K - 1,) are
+    in them, that explain most of what is lost (K - 1,), m, of the way in steps, m, between times t (K,).
+
+    Box least squares (Kovacs, Zucker and Mazeh, Astronomy and Astrophysics 391, 2002). first, period: by the beat, s,
+    which is known to about a step of each of its bursts.
+    """
+    middle, step, best = (t[1:] + t[:-1]) / 2, float(np.median(np.diff(t))), 0.0
+    found = first, period, 0.0, np.zeros(len(way), dtype=bool)
+    beats = max(np.ptp(t) / period, 1.0)
+    for other in (period + step / beats * np.arange(-AROUND, AROUND + 1)).tolist():
+        count = max(round(other / step), 2)
+        phase = (middle - first) / other % 1 * count
+        by_phase = [np.bincount(phase.astype(np.intp), part, count) for part in (lost * way, way**2)]
+        sums = [np.concatenate([[0.0], np.cumsum(np.tile(part, 2))]) for part in by_phase]
+        starts, lengths = np.arange(count)[:, None], np.arange(1, max(int(SELDOM * count), 1) + 1)
+        score, information = (of[starts + lengths] - of[starts] for of in sums)
+        explained = np.maximum(score, 0.0) ** 2 / np.maximum(information, 1e-12)
+        if explained.max() > best:
+            best, (begin, length) = explained.max(), np.unravel_index(np.argmax(explained), explained.shape)
+            inside = (phase - begin) % count < lengths[length]
+            found = (first + begin * other / count) % other, other, float(lengths[length] * other / count), inside
+    return found
 
 
 def _beat(t: Array) -> tuple[float, float] | None:

@@ -91,6 +91,29 @@ class Events:
         return len(self.faulty) + (self.patch is not None)
 
 
+@dataclass(frozen=True)
+class Alone:
+    """Rows that contradict the other rows intermittently beside no effect, and the steps in which they do; lossy: the
+    robot whose encoders lose counts in bursts then, those whose bursts keep a steady beat."""
+
+    events: Events
+    released: Released
+    lossy: RobotDescription
+
+    @classmethod
+    def found(
+        cls, robot: RobotDescription, logs: Sequence[Log], seen: Linearised, clean: Linearised | None, names: int
+    ) -> "Alone | None":
+        """Return these of logs linearised with no effect in the model; None if no row contradicts the others. names:
+        see `Events.extended`."""
+        faulty = tuple(at_times.at_times(seen, clean, (), names))
+        if not faulty:
+            return None
+        bursts = [at_times.bursts_of(robot, logs, seen, fault.row, fault.active) for fault in faulty]
+        steady = [burst.effect for burst in bursts if burst is not None and burst.effect.seed is None]
+        return cls(Events(faulty, looked=True), at_times.steps_of(seen, faulty), robot.with_effects(*steady))
+
+
 def _cost(released: Released, seen: Linearised) -> Array:
     """Return the odometry error (2,) that slips of wheels in the released steps cause: m after 10 m, rad after a
     turn."""
