@@ -189,6 +189,16 @@ class _Search:
                 first, self.begin = without, ()
         self.plain = self.plain.without_designs()
         self.alone = None if self.begin else Alone.found(self.robot, self.logs, first, self.good, self.names)
+        looks = [
+            self.with_one_loss,
+            self.with_events_alone,
+            self.with_events,
+            self.with_fault,
+            self.with_lost_counts,
+            self.with_hidden,
+            self.with_curve,
+        ]
+        look, events, before, proposed = looks[0], self.events, frozenset[str](), frozenset[str]()
         for left in reversed(range(MOST_SEARCHES)):
             self.somewhere = _at_places(first)
             self.named, self.seen, self.posterior, self.answers = named_together(
@@ -196,19 +206,13 @@ class _Search:
             )
             if not left:
                 return
-            else_shown = (
-                self.with_one_loss,
-                self.with_events_alone,
-                self.with_events,
-                self.with_fault,
-                self.with_lost_counts,
-                self.with_hidden,
-                self.with_curve,
-            )
-            begin = next((begin for look in else_shown if (begin := look()) is not None), None)
+            if events is self.events and proposed != before == families_of(self.named):
+                looks.remove(look)  # what it proposed was not kept, and the like would not be
+            events, before = self.events, families_of(self.named)
+            look, begin = next(((look, begin) for look in looks if (begin := look()) is not None), (look, None))
             if begin is None:
                 return
-            self.begin = begin
+            self.begin, proposed = begin, families_of(begin)
             first = self.afresh()
 
     @property
