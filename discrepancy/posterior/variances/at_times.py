@@ -253,7 +253,8 @@ def bursts_of(
     castor, wheel = robot.wheel_places[k]
     start, seed = 0.0, 0
     if beat is not None:
-        (start, period, width, in_bursts), seed = _box(logs[0].t, *ways[0], *beat), None
+        lost, way = ways[0]
+        (start, period, width, in_bursts), seed = _box(logs[0].t, lost, way, *beat), None
         inside = shares[0][in_bursts & fast_steps[0]]
         value = float(np.clip(np.median(inside), 0.0, 1.0))
     error = float(np.std(inside) / np.sqrt(len(inside)))

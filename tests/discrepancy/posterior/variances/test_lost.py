@@ -107,6 +107,7 @@ def test_losses_of_a_wheel_forward_and_backward_are_one():
 
     kept, both = as_one_loss(robot, logs, named, look)
     assert (kept, both.candidate.family) == (radius, "tick_loss 2 1 both")
+    assert isinstance(both.effect, TickLoss)
     assert both.effect.above == pytest.approx(loss.above, rel=0.05)
 
 
