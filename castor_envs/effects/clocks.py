@@ -5,7 +5,6 @@ from functools import partial
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
@@ -19,10 +18,7 @@ Latency = Annotated[float, Field(ge=-0.1, le=1.0)]
 
 
 class Past:
-    """Angles sampled so far, to be read at other times; before the first sample nothing moved.
-
-    Between two samples they follow the parabola through these and the sample before: a straight line is off by up to an
-    eighth of acceleration times the squared period, 3 mrad for castors that change their rate by 10 rad/s in a second.
+    """Angles sampled so far, to be read at other times: interpolated linearly; before the first sample nothing moved.
 
     back: how far (s) before the newest sample an angle may be asked for.
     """
@@ -40,33 +36,24 @@ class Past:
         """Add samples at t (k,); return the angles (k, c) as they stood at the times `taken` (k,), s.
 
         Each angle is read when its own sample arrives, without later ones: beyond that sample, it is extrapolated from
-        the last two samples so far, in a straight line.
+        the last two samples so far.
         """
         first = len(self._t)
         self._t = np.concatenate([self._t, t])
         self._angle = np.concatenate([self._angle, angle]) if first else angle.copy()
         new = np.arange(first, len(self._t))
-        begin = np.minimum(np.searchsorted(self._t, taken, side="right"), new) - 1
-        known, begin = begin >= 0, np.maximum(begin, 0)
-        end, before = begin + known, np.maximum(begin - 1, 0)
-        since, until = taken - self._t[begin], taken - self._t[end]
-        rate, rate_before = self._rate(begin, end), self._rate(before, begin)
-        bent = (before < begin) & (until < 0)
-        bend = np.where(bent, since * until / np.where(bent, self._t[end] - self._t[before], 1.0), 0.0)
-        nearest = np.where(
-            until < 0, begin, end
-        )  # what is read at the time of a sample is that sample, to the last bit
-        line = self._angle[nearest] + rate * (taken - self._t[nearest])[:, None]
-        seen = line + (rate - rate_before) * bend[:, None]
-        needed = int(np.searchsorted(self._t, self._t[-1] - self._back, side="right")) - 2
+        k = np.minimum(np.searchsorted(self._t, taken, side="right") - 1, new)
+        known = (k >= 0) & (new > 0)
+        begin = np.where(known, np.minimum(k, new - 1), 0)
+        end = np.where(known, begin + 1, 0)
+        step = np.where(known, self._t[end] - self._t[begin], 1.0)
+        rate = (self._angle[end] - self._angle[begin]) / step[:, None]
+        k = np.where(known, k, 0)
+        seen = self._angle[k] + rate * (taken - self._t[k])[:, None]
+        needed = int(np.searchsorted(self._t, self._t[-1] - self._back, side="right")) - 1
         needed = int(np.clip(needed, 0, max(len(self._t) - 2, 0)))
         self._t, self._angle = self._t[needed:], self._angle[needed:]
         return seen
-
-    def _rate(self, begin: NDArray[np.intp], end: NDArray[np.intp]) -> Array:
-        """Return the mean rates (k, c) between samples, rad/s; 0 where both are the same."""
-        time = np.where(begin < end, self._t[end] - self._t[begin], 1.0)
-        return (self._angle[end] - self._angle[begin]) / time[:, None]
 
 
 def late(robot: RobotDescription, channels: list[int], latency: float) -> SensorModel:

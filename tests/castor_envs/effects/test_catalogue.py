@@ -332,8 +332,7 @@ def test_a_reader_touches_only_its_own_channels_and_no_input(name):
 
 @pytest.mark.parametrize("name", sorted(set(SENSORS) - THERE_OR_NOT - {"pivot_backlash"}))
 def test_twice_the_value_moves_the_reading_twice_as_far(name):
-    """All but backlash are linear in their value; those on time but for acceleration (up to 19 rad/s^2), within a
-    sample."""
+    """All but backlash are linear in their value (jitter and latency while they stay within a sample)."""
     effect = BY_NAME[name]
     amplitude = min(effect.step, 0.4)
     wheel, castor = 20.0 * np.sin(0.7 * T) + np.sin(3 * T), np.sin(2 * T)
@@ -343,8 +342,7 @@ def test_twice_the_value_moves_the_reading_twice_as_far(name):
         sized = dataclasses.replace(effect, value=scale * amplitude)
         moved.append(np.hstack(seen(sized, T, wheel, castor)) - np.hstack(true))
     assert np.max(np.abs(moved[0])) > 0
-    by_acceleration = 19.0 * (3 * amplitude) ** 2 if effect.timing or "latency" in name else 0.0  # jitter: 3 deviations
-    np.testing.assert_allclose(moved[1], 2 * moved[0], rtol=0, atol=1e-11 + by_acceleration)
+    np.testing.assert_allclose(moved[1], 2 * moved[0], rtol=0, atol=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -408,14 +406,6 @@ def test_latency_of_all_is_latency_of_each():
         seen(latencies, T, np.sin(T), np.cos(T)), seen(AllLatency(value=1e-3), T, np.sin(T), np.cos(T)), strict=True
     ):
         np.testing.assert_array_equal(by_each, by_all)
-
-
-@pytest.mark.parametrize("latency", [0.013, 0.02, 0.061])
-def test_a_late_encoder_reads_an_accelerated_shaft_as_it_was(latency):
-    """At samples that are 20 ms apart: in a straight line between them it would be off by up to 1 mrad."""
-    t = 0.02 * np.arange(50)
-    read = seen(EncoderLatency(castor=2, wheel=1, value=latency), t, 10.0 * t**2, -10.0 * t**2)[0][:, 2]
-    np.testing.assert_allclose(read[6:], 10.0 * (t - latency)[6:] ** 2, atol=1e-12)
 
 
 def test_jitter_at_constant_speed_is_white_with_the_size_it_says():
