@@ -181,14 +181,7 @@ class _Search:
     def run(self) -> None:
         """Name effects, and begin anew with what else the logs show beside these, until they show nothing else, or for
         `MOST_SEARCHES` times: as more and more of a log is released, what is left looks more and more unusual."""
-        first = self.afresh() if self.jitter else self.plain
-        if built := most_likely(self.robot, self.logs, self.plain):
-            without, self.begin = first, built
-            first = self.afresh()
-            if first.log_evidence <= without.log_evidence + LOG_ODDS:  # none of them would be named
-                first, self.begin = without, ()
-        self.plain = self.plain.without_designs()
-        self.alone = None if self.begin else Alone.found(self.robot, self.logs, first, self.good, self.names)
+        first = self.begun()
         looks = [
             self.with_one_loss,
             self.with_events_alone,
@@ -214,6 +207,18 @@ class _Search:
                 return
             self.begin, proposed = begin, families_of(begin)
             first = self.afresh()
+
+    def begun(self) -> Linearised:
+        """Return the statistics to begin with: beside dimensions that calibration finds if these make logs likelier."""
+        first = self.afresh() if self.jitter else self.plain
+        if built := most_likely(self.robot, self.logs, self.plain):
+            without, self.begin = first, built
+            first = self.afresh()
+            if first.log_evidence <= without.log_evidence + LOG_ODDS:  # none of them would be named
+                first, self.begin = without, ()
+        self.plain = self.plain.without_designs()
+        self.alone = None if self.begin else Alone.found(self.robot, self.logs, first, self.good, self.names)
+        return first
 
     @property
     def found(self) -> RobotDescription:

@@ -155,7 +155,7 @@ def test_a_steered_wheel_that_is_toed_in_is_named_though_contacts_give_way(size)
 )
 def test_wheels_that_all_motors_hold_tell_of_each_other_without_a_reference(robot, effect):
     """They give way to each other by a part that the logs show. Were it as much as predicted, nothing would be seen."""
-    log, held_out = (dataclasses.replace(driven(robot, seed, effect, duration=20.0), reference=None) for seed in (5, 6))
+    log, held_out = (dataclasses.replace(driven(robot, seed, effect, duration=40.0), reference=None) for seed in (5, 6))
     (answer,) = diagnose(preset(robot), [log], [held_out]).answers
     assert (answer.verdict, type(answer.effect)) == ("named", type(effect))
     assert abs(answer.size - effect.value) < 3 * answer.error
@@ -334,9 +334,10 @@ def test_a_search_ends_though_logs_show_something_else_each_time(monkeypatch):
         return (), SimpleNamespace(candidates=()), None, []
 
     monkeypatch.setattr(finder, "named_together", named_together)
-    first: Any = SimpleNamespace(candidates=(), without_designs=lambda: None)
-    search: Any = SimpleNamespace(jitter=0.0, begin=(), plain=first, base=ROBOT, afresh=lambda: first)
-    for name in ("look", "ask", "displaced", "with_fault", "with_lost_counts", "with_hidden", "with_curve"):
+    first: Any = SimpleNamespace(candidates=())
+    search: Any = SimpleNamespace(begin=(), events=(), base=ROBOT, begun=lambda: first, afresh=lambda: first)
+    others = "one_loss", "events_alone", "fault", "lost_counts", "hidden", "curve"
+    for name in ("look", "ask", "displaced", *(f"with_{other}" for other in others)):
         setattr(search, name, lambda *_: None)
     search.with_events = lambda: ()
     finder._Search.run(search)
