@@ -254,9 +254,10 @@ def bursts_of(
     start, seed = 0.0, 0
     if beat is not None:
         lost, way = ways[0]
-        (start, period, width, in_bursts), seed = _box(logs[0].t, lost, way, *beat), None
-        inside = shares[0][in_bursts & fast_steps[0]]
-        value = float(np.clip(np.median(inside), 0.0, 1.0))
+        (start, period, width, in_bursts), seed = _box(logs[0].t, lost, way, 2 * width, *beat), None
+        if np.any(fast := in_bursts & fast_steps[0]):
+            inside = shares[0][fast]
+            value = float(np.clip(np.median(inside), 0.0, 1.0))
     error = float(np.std(inside) / np.sqrt(len(inside)))
     effect = TickLossBursts(castor=castor, wheel=wheel, value=value, period=period, width=width, start=start, seed=seed)
     return Bursts(effect, error, log_odds)
@@ -296,13 +297,14 @@ def _bursts(
 
 
 def _box(
-    t: Array, lost: Array, way: Array, first: float, period: float
+    t: Array, lost: Array, way: Array, longest: float, first: float, period: float
 ) -> tuple[float, float, float, NDArray[np.bool_]]:
     """Return when bursts of a steady beat start, their period, and how long they last, s, and which steps (K - 1,) are
     in them, that explain most of what is lost (K - 1,), m, of the way in steps, m, between times t (K,).
 
-    Box least squares (Kovacs, Zucker and Mazeh, Astronomy and Astrophysics 391, 2002). first, period: by the beat, s,
-    which is known to about a step of each of its bursts.
+    Box least squares (Kovacs, Zucker and Mazeh, Astronomy and Astrophysics 391, 2002). longest: that bursts last, s,
+    which keeps the boxes that are compared few in long logs. first, period: by the beat, s, which is known to about a
+    step of each of its bursts.
     """
     middle, step, best = (t[1:] + t[:-1]) / 2, float(np.median(np.diff(t))), 0.0
     found = first, period, 0.0, np.zeros(len(way), dtype=bool)
@@ -312,7 +314,7 @@ def _box(
         phase = (middle - first) / other % 1 * count
         by_phase = [np.bincount(phase.astype(np.intp), part, count) for part in (lost * way, way**2)]
         sums = [np.concatenate([[0.0], np.cumsum(np.tile(part, 2))]) for part in by_phase]
-        starts, lengths = np.arange(count)[:, None], np.arange(1, max(int(SELDOM * count), 1) + 1)
+        starts, lengths = np.arange(count)[:, None], np.arange(1, max(int(min(SELDOM * count, longest / step)), 1) + 1)
         score, information = (of[starts + lengths] - of[starts] for of in sums)
         explained = np.maximum(score, 0.0) ** 2 / np.maximum(information, 1e-12)
         if explained.max() > best:
