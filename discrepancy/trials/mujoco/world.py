@@ -33,7 +33,7 @@ class World:
     """A compiled model with its state, and where things are in it.
 
     pivot (n,), roll (w,): places in qpos of the pivots (-1: fixed) and the wheels' turning. radius (w,): as built, m.
-    States are qpos, then heights (w,) of the wheels' centres over the floor, m, and loads (w,) of their springs, N.
+    States are qpos, then heights (w,) of the wheels' centres over the floor, m, and loads (w,) of the wheels, N.
     """
 
     def __init__(self, robot: RobotDescription, floor: Floor, step: float, outside: Outside | None = None) -> None:
@@ -57,6 +57,7 @@ class World:
         self._tracked = [joints[name].qposadr[0] for name in ("mast_x", "mast_y") if name in joints]
         self._hub = [model.body(f"hub_{k}").id for k in wheels]
         self._geom = [model.geom(f"wheel_{k}").id for k in wheels]
+        self._weight = model.body_mass[self._hub] * floor.normal_gravity
         motors = [*(f"drive_{k}" for k in robot.driven_wheels), *(f"steer_{i}" for i in robot.driven_castors)]
         self._motors, self._fastest = [model.actuator(name).id for name in motors], robot.max_wheel_speed
         self._friction = self.model.geom_friction[self._geom, 0].copy()
@@ -133,7 +134,8 @@ class World:
         self.model.geom_rbound[self._geom[wheel]] = radius
 
     def _loads(self) -> Array:
-        return -self.data.qfrc_spring[self._slide_dof]
+        """Return the loads of wheels on the floor (w,), N: what their springs carry, and their own weight."""
+        return self._weight - self.data.qfrc_spring[self._slide_dof]
 
     def _set_creep(self) -> None:
         """Let contacts slip by `Tyres.viscous` more for each N of friction, for the state that the model is in."""
