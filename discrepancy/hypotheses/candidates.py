@@ -184,11 +184,13 @@ def signatures_of(
     among: Sequence[Candidate] | None = None,
     of: str = "",
     places: Sequence[Candidate] = (),
+    creep: float = 1.0,
 ) -> Signatures:
     """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d).
 
     score: from `LogLikelihood.score_by_counts`, which locates jumps of a channel. of: name of the log,
-    for unnamed alternatives at a time in it. places: further candidates, at places of the floor.
+    for unnamed alternatives at a time in it. places: further candidates, at places of the floor. creep: how many times
+    as much as described contacts creep under forces.
     """
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
@@ -243,7 +245,7 @@ def signatures_of(
             if np.any(excess):
                 read.append(misreading(candidate, excess))
             elif (slip := _slip_of(candidate, robot, motion)) is not None:
-                both = np.concatenate([slip.rolling, slip.side], axis=1)
+                both = np.concatenate([slip.rolling, slip.side], axis=1) * (creep if kind.creep == "forces" else 1.0)
                 read.append(slipping(candidate, SparseColumns.of(both[..., None])))
     if among is None:
         read += [misreading(candidate, excess) for candidate, excess in _misread(channels, log, counts, score, of)]

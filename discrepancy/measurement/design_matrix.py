@@ -51,13 +51,14 @@ class DesignMatrix:
         among: Sequence[Candidate] | None,
         places: Sequence[Candidate],
         of: str,
+        creep: float,
     ) -> None:
-        """among, places, of: as for `signatures_of`."""
+        """among, places, of, creep: as for `signatures_of`."""
         self.model, self.geometry, self.state = model, Geometry.of(robot.as_built()), state
         self.clock, self.rate, self.creep = clock, rate, SparseColumns.of(slipping.columns())
 
         def signatures() -> Signatures:
-            return signatures_of(robot, log, state, model.score_by_counts(state), among, of, places)
+            return signatures_of(robot, log, state, model.score_by_counts(state), among, of, places, creep)
 
         found, self._signatures = signatures(), signatures
         self.candidates, self.geometries, self.steps = found.candidates, found.geometries, found.steps
@@ -140,13 +141,15 @@ class SharedNuisances:
 
     creep (1 + rows,): factors of predicted creep (`Slipping.columns`): that under forces, and by how much more than
     predicted each row creeps where wheels disagree; expected, doubt (1 + rows,): their prior means and standard
-    deviations. mount (3,): place of the tracked point.
+    deviations. mount (3,): place of the tracked point. told: whether logs tell how much contacts creep under forces;
+    always false where clean logs did.
     """
 
     creep: Array
     expected: Array
     doubt: Array
     mount: Array
+    told: bool
 
     def add_priors(self, information: Array, gradient: Array, first: int) -> None:
         """Add the priors of the numbers from `first` on: of the factors of creep; of each row's constant creep, if it

@@ -84,7 +84,8 @@ def fit_states(
         at = at._replace(factors=no_values)
         if not left:
             creep.expect(creep.columns, creep.factors)
-            return at, sizes, SharedNuisances(creep.factors, creep.expected, creep.deviations, at.mount), slips
+            shared = SharedNuisances(creep.factors, creep.expected, creep.deviations, at.mount, creep.told)
+            return at, sizes, shared, slips
         if robot.effects:
             off = _corrected(robot, models, logs, at, off, held or left <= MOST_ROUNDS / 2)
 
@@ -95,7 +96,8 @@ class _Creep:
 
     sure (K - 1, rows), columns (K - 1, rows, 1 + rows): of each log, predicted slips, and creep that is known up to
     factors (1 + rows,), whose prior means and standard deviations are expected and deviations. doubt: of each log,
-    about slips that wrong wiring caused. usual: factor of creep under forces in clean logs.
+    about slips that wrong wiring caused. usual: factor of creep under forces in clean logs. told: whether the logs
+    determine it better than `DOUBT`.
     """
 
     models: Sequence[LogLikelihood]
@@ -106,6 +108,7 @@ class _Creep:
     sure: Sequence[Array] = ()
     columns: Sequence[Array] = ()
     doubt: Sequence[Array | float] = ()
+    told: bool = False
 
     @classmethod
     def before(cls, models: Sequence[LogLikelihood], usual: float | None, factors: Array | None) -> "_Creep":
@@ -167,16 +170,17 @@ class _Creep:
         factors (1 + rows,), covariance (n, n): as found with the prior so far, of these and other numbers.
         """
         rows = len(factors) - 1
-        expected, deviations = self.expected.copy(), self.deviations.copy()
+        expected, deviations, told = self.expected.copy(), self.deviations.copy(), self.told
         if self.usual is None:
             information = np.linalg.inv(covariance[: 1 + rows, : 1 + rows])
             score = information @ factors
             information[0, 0] += DOUBT**-2 - deviations[0] ** -2
             score[0] += 1.0 / DOUBT**2 - expected[0] / deviations[0] ** 2
             rigid = np.linalg.solve(information, score)[0] < RIGID
+            told = bool(np.linalg.inv(information)[0, 0] < (DOUBT / 2) ** 2)
             expected[0], deviations[0] = 0.0 if rigid else 1.0, AS_DESCRIBED
         factors = np.clip(factors, -MOST_UNEVEN, [MOST_CREEP] + [MOST_UNEVEN] * rows)
-        return replace(self, factors=factors, expected=expected, deviations=deviations)
+        return replace(self, factors=factors, expected=expected, deviations=deviations, told=told)
 
 
 def _corrected(

@@ -62,7 +62,7 @@ class Diagnosis(Generic[V, S]):
 
     before, after: the logs linearised without and with the named effects and learned curves; held_out: both for
     held-out logs. inclusion: probability of every name to be among the missing effects. creep: factor of predicted
-    creep under forces in clean logs, if there are any; clean_gap: gap of these. in_phase: held-out logs,
+    creep under forces, if logs tell it; clean_gap: gap of these. in_phase: held-out logs,
     whose wheels are turned at the start as those of the logs are (`other_logs.in_phase`).
     """
 
@@ -141,7 +141,7 @@ class _Search:
     said, as wrong wiring drove wheels against each other until they slid. events: at certain times or places, whose
     steps are `released`; alone: those beside no effect. doubted: the encoders, and the families in the model, whose
     faults were looked for. base: the robot with `curve`, if one was learned. jitter: of the times of samples, s.
-    creep: see `Diagnosis`. good: clean logs, linearised.
+    creep: factor of predicted creep under forces, if clean logs tell it. good: clean logs, linearised.
     """
 
     named: Effects
@@ -160,7 +160,7 @@ class _Search:
     ) -> None:
         self.robot = self.base = robot
         self.logs, self.held_out, self.good, self.material = logs, held_out, good, material
-        self.creep = None if good is None else good.creep
+        self.creep = good.creep if good is not None and good.shared.told else None
         self.places = () if good is None else _at_places(good)
         self.events, self.released, self.curve = Events(), Released(), None
         self.alone: Alone | None = None
@@ -224,6 +224,13 @@ class _Search:
     def found(self) -> RobotDescription:
         """The robot with the effects in the model."""
         return with_effects(self.base, self.named)
+
+    @property
+    def creep_told(self) -> float | None:
+        """The factor of predicted creep as clean logs tell it, or else the logs beside the effects in the model; None
+        if these do not."""
+        told_here = self.creep is None and self.seen.shared.told
+        return self.seen.creep if told_here else self.creep
 
     @property
     def among(self) -> list[Candidate]:
@@ -396,7 +403,7 @@ class _Search:
             return self.linearised(changed, start=self.seen, among=among)
 
         def held_out(changed: RobotDescription) -> Linearised:
-            known = {"creep": self.creep, "jitter": self.jitter}
+            known = {"creep": self.creep_told, "jitter": self.jitter}
             return linearise(changed, self.held_out, among=(), own_clocks=True, **known)
 
         curve = learned(found, self.logs, self.seen, channels, look)
@@ -438,7 +445,7 @@ class _HeldOutLogs:
         self.logs = list(search.held_out)
         if not self.logs:
             return
-        self.logs = in_phase(search.base, self.logs, search.named, creep=search.creep, jitter=search.jitter)
+        self.logs = in_phase(search.base, self.logs, search.named, creep=search.creep_told, jitter=search.jitter)
         among, found = search.among, search.found
         after = self._linearised(found, among)
         after.forget()
@@ -457,7 +464,7 @@ class _HeldOutLogs:
         return self._linearised(robot, ())
 
     def _linearised(self, robot: RobotDescription, among: Sequence[Candidate], **options: Any) -> Linearised:
-        known = {"creep": self.search.creep, "jitter": self.search.jitter} | options
+        known = {"creep": self.search.creep_told, "jitter": self.search.jitter} | options
         return linearise(robot, self.logs, among=among, released=self.released, own_clocks=True, **known)
 
 
@@ -493,7 +500,7 @@ def _confirmed(search: _Search, usual: list[dict[str, Found]] | None, as_before:
         pair = held_out.lacking.without_designs(), after.without_designs()
     inclusion = by_all_logs(inclusion, every, answers)
     whole, after_all = weakest(answer.verdict for answer in answers), seen.without_designs()
-    known = search.creep, tuple(held_out.logs), clean_gap
+    known = search.creep_told, tuple(held_out.logs), clean_gap
     diagnosis = Diagnosis(robot, whole, answers, inclusion, search.plain, after_all, pair, *known)
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
 

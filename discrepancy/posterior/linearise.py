@@ -166,8 +166,9 @@ def linearise(
     if among is None:
         places = with_cables(places, robot, logs, at, beyond)
     names = [f" of log {k + 1}" for k in range(len(logs))] if len(logs) > 1 else [""]
+    creeping = max(float(shared.creep[0]), 0.0)
     designs = [
-        DesignMatrix(robot, model, log, state, clock, rate, slipping, among, places, name)
+        DesignMatrix(robot, model, log, state, clock, rate, slipping, among, places, name, creeping)
         for model, log, state, clock, rate, slipping, name in zip(
             models, logs, at.states, at.clocks, _rates(robot, models, at, own_clocks), slips, names, strict=True
         )

@@ -52,12 +52,13 @@ ABOUT = 0.3
 @lru_cache(maxsize=16)
 def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str]]:
     """Return the indistinguishable effects of a robot, as the family whose name represents each family; and the
-    families that are unobservable in any log."""
+    families that are unobservable in any log. Forces, as of a slope, are neither: commands show them."""
     path = wander(np.random.default_rng(0), duration=EXCITING, holonomic=moves_sideways(robot))
     ahead = roll(robot, path)  # some robots turn their wheels one way on it: they come back, too
     back = Rolled(ahead.t, *(joints[::-1] for joints in ahead[1:]))
     logs = [logged(robot, rolled, "all") for rolled in (ahead, back)]
-    among = [candidate for candidate in candidates_of(robot) if candidate.columns == 1]
+    single_sized = [candidate for candidate in candidates_of(robot) if candidate.columns == 1]
+    among = [candidate for candidate in single_sized if candidate.kinds[0].creep != "forces"]
     seen = linearise(robot, logs, among=among)
     information = summed(seen.logs).information
     single: list[tuple[Cause, int]] = [(candidate, int(columns[0])) for candidate, columns in seen.columns.items()]

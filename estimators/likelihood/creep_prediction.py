@@ -1,8 +1,9 @@
 """Prediction of how far a robot's contacts creep: under the forces of a motion, and where wheels are driven against
 each other.
 
-Creep predicted without the robot's effects on contacts is known up to a factor that logs determine (`fit_states`); the
-slip of these effects is taken as predicted.
+Creep predicted without the robot's effects on contacts is known up to a factor that logs determine (`fit_states`), and
+so is that under the forces of effects, as on a slope; the slip of effects that make contacts yield more or less is
+taken as predicted.
 """
 
 import operator
@@ -12,6 +13,7 @@ from functools import cached_property, reduce
 
 import numpy as np
 
+from castor_envs.effects.catalogue import floor_of
 from castor_envs.effects.floor import Bump
 from castor_envs.errors import InputError
 from castor_envs.floor import Floor
@@ -41,7 +43,7 @@ class Slipping:
     def __init__(self, robot: RobotDescription, model: LogLikelihood, log: Log, state: Array) -> None:
         self._robot, self._model, self._log, self._state = robot, model, log, state
         self._without = replace(robot, effects=tuple(effect for effect in robot.effects if effect.creep is None))
-        self._channels = Channels(robot)
+        self._channels, self._floor = Channels(robot), floor_of(robot, Floor())
         self._over = self._over_cables()
 
     @property
@@ -52,11 +54,11 @@ class Slipping:
 
     def sure(self) -> Array:
         """Return the slips (K - 1, rows) that are taken as predicted: the extra roll over the robot's cables, and the
-        creep of its effects on contacts."""
+        creep of its effects on how contacts yield."""
         motion = self._channels.motion(self._log, self._state, consistent_wheels=True)
         total = Slip.none(motion) if self._over is None else self._over
         for effect in self._robot.effects:
-            if effect.creep is not None:
+            if effect.creep == "compliance":
                 try:
                     slip = effect.slip(ContactMotion(self._without.as_built(), motion))
                 except InputError:  # it cannot stand by itself
@@ -66,7 +68,7 @@ class Slipping:
 
     @property
     def forced(self) -> Array:
-        """The creep (K - 1, rows) under the forces of the motion, which is known up to a factor."""
+        """The creep (K - 1, rows) under the forces of the motion and of a slope, which is known up to a factor."""
         return self._balanced[1]
 
     def columns(self) -> Array:
@@ -79,9 +81,9 @@ class Slipping:
     def _balanced(self) -> tuple[Array, Array, Array]:
         """`stiffness`, `forced`, and the creep where wheels disagree, (K - 1, rows) each: all of one balance, which
         holds many times their memory."""
-        balance = self._balance(self._without)
+        balance = self._balance(self._without, self._floor)
         changed = len(self._without.effects) < len(self._robot.effects)
-        built = self._balance(self._robot) if changed else balance
+        built = self._balance(self._robot, self._floor) if changed else balance
         forced = self._rows(self._creep(balance, agree=True))
         disagreeing = self._rows(self._creep(balance, self._over)) - forced
         if built is None:
@@ -94,8 +96,8 @@ class Slipping:
 
     @cached_property
     def by_effects(self) -> Array:
-        """Return the predicted creep (K - 1, rows) that the robot's effects cause, and mistakes of wiring (`Log`): the
-        difference to that of a robot without them whose encoders read the same."""
+        """Return the predicted creep (K - 1, rows) that effects on what encoders read cause, and mistakes of wiring
+        (`Log`): the difference to that of a robot without them whose encoders read the same."""
         if self._described is None:
             return np.zeros((len(self._log) - 1, len(self._model.rows)))
         return self._rows(self._not_averaged() - Slipping(*self._described)._not_averaged())
@@ -131,15 +133,15 @@ class Slipping:
         return real.as_described(), self._model, self._log, read
 
     def _not_averaged(self) -> Slip:
-        """Return the creep predicted step by step."""
-        return self._creep(self._balance(self._without, averaging=0.0), self._over)
+        """Return the creep predicted step by step, on an even floor."""
+        return self._creep(self._balance(self._without, Floor(), averaging=0.0), self._over)
 
-    def _balance(self, robot: RobotDescription, averaging: float = AVERAGING) -> ForceBalance | None:
+    def _balance(self, robot: RobotDescription, floor: Floor, averaging: float = AVERAGING) -> ForceBalance | None:
         """Return the balance of forces on a robot's contacts; None: it cannot stand by itself. averaging: s, over which
         noise goes out, but with it what encoders truly read in a few steps."""
         motion = replace(self._channels.motion(self._log, self._state), averaging=averaging)
         with suppress(InputError):
-            return ForceBalance(robot.as_built(), motion, Floor())
+            return ForceBalance(robot.as_built(), motion, floor)
         return None
 
     def _creep(self, balance: ForceBalance | None, known: Slip | None = None, agree: bool = False) -> Slip:

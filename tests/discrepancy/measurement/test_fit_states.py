@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from castor_envs.effects.clocks import SampleJitter
-from castor_envs.effects.contact import SlipStiffness
+from castor_envs.effects.contact import SlipStiffness, SlipStiffnessLateral
 from castor_envs.effects.dimensions import Track, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash, TickLoss
+from castor_envs.effects.floor import FloorSlope
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.mobility import moves_sideways
 from castor_envs.motion.trajectories import wander
@@ -45,6 +46,25 @@ def factor_of(robot, log):
 def test_contacts_creep_as_predicted_under_forces(monkeypatch):
     monkeypatch.setattr(fit_states, "AS_DESCRIBED", fit_states.DOUBT)  # as if nothing was known of it
     assert factor_of(ROBOT, driven()) == pytest.approx(1.0, abs=0.08)
+
+
+STIFF = SlipStiffness(value=10.0), SlipStiffnessLateral(value=10.0)
+SLOPE = FloorSlope(direction="x", value=0.03)
+
+
+def test_stiff_contacts_creep_as_little_on_a_slope():
+    """By the stiffness described they would creep down by 1 mm after 1 m, and the gap would be a quarter larger."""
+    log = driven(*STIFF, SLOPE)
+    gap, even = (linearise(robot, [log], among=[]) for robot in (ROBOT.with_effects(SLOPE), ROBOT))
+    assert gap.creep < fit_states.RIGID
+    assert gap.gap[0] < 1.02 * even.gap[0]
+
+
+@pytest.mark.parametrize(("name", "told"), [("asoc-prototype", True), ("tricycle", False), ("swerve", False)])
+def test_logs_tell_how_contacts_creep_if_castors_are_free_to_follow(name, told):
+    robot, motion = preset(name), wander(np.random.default_rng([11, 0]), duration=40.0, holonomic=name != "tricycle")
+    log = drive(robot, motion, 11, duration=40.0)
+    assert linearise(robot, [log], among=[]).shared.told == told
 
 
 def test_a_large_effect_in_the_model_leaves_no_slip():

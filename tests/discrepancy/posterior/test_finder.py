@@ -16,8 +16,10 @@ from scipy.stats import chi2
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from castor_envs.effects.clocks import EncoderLatency
+from castor_envs.effects.contact import SlipStiffness, SlipStiffnessLateral
 from castor_envs.effects.dimensions import PivotBias, PivotOffset, PivotPositionX, PivotPositionY, WheelRadius
 from castor_envs.effects.encoders import PivotBacklash, PivotEccentricity, TickLoss, WheelEccentricity
+from castor_envs.effects.floor import FloorSlope
 from castor_envs.effects.wiring import EncodersSwapped
 from castor_envs.errors import InputError
 from castor_envs.logs.importers.optiodom import find_sessions, read_session
@@ -248,6 +250,21 @@ def test_a_motion_without_the_effect_does_not_confirm_it():
     diagnosis = diagnose(ROBOT, [log], [still])
     assert [answer.effect.name for answer in diagnosis.answers if answer.verdict == "unconfirmed"] == ["tick_loss"]
     assert not diagnosis.found.effects
+
+
+@pytest.mark.parametrize(("robot", "duration"), [("asoc-prototype", 30.0), ("swerve", 60.0)])
+def test_a_slope_on_which_stiff_contacts_do_not_creep_costs_nothing(robot, duration):
+    """Commands show it. Contacts eleven times stiffer than described hardly creep, as clean logs tell, or those on the
+    slope."""
+    stiff, slope = (SlipStiffness(value=10.0), SlipStiffnessLateral(value=10.0)), FloorSlope(direction="x", value=0.03)
+    clean = [driven(robot, seed, *stiff, duration=duration) for seed in (11, 12)]
+    log, held_out = (driven(robot, seed, *stiff, slope, duration=duration) for seed in (13, 14))
+    diagnosis = diagnose(preset(robot), [log], [held_out], clean)
+    (answer,) = diagnosis.answers
+    assert (diagnosis.verdict, answer.candidate.family) == ("negligible", "floor_slope x")
+    assert answer.effect.value == pytest.approx(0.03, abs=2 * answer.error)
+    before, after = diagnosis.held_out
+    assert after.gap[0] < 1.03 * before.gap[0]
 
 
 def first_half(run):
