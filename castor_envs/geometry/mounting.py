@@ -71,12 +71,20 @@ def fit_mount(moved: Array, seen: Array, size: float, weight: Array) -> tuple[fl
     """Return the turn of a tracker's axes that fits best, rad, and the squares (V,) of by how much the ways of the body
     and of a tracked point then still differ, m2: without and with that turn.
 
-    moved, seen (V, 3): how far the body moves, and how far the tracker sees it move. weight (V,): of each.
+    moved, seen (V, 3): how far the body moves, and how far the tracker sees it move. weight (V,): of each. Where the
+    body does not turn as the tracker does, a tracked point beside the origin goes another way: else one far from a body
+    that stands could explain any circle.
     """
     body, tracker = moved[:, :2] @ [1, 1j], seen[:, :2] @ [1, 1j]
     arm = np.exp(1j * seen[:, 2]) - 1
+    swung = np.abs(np.exp(1j * moved[:, 2]) - 1 - arm)
     known = weight @ np.abs(arm) ** 2 + FIRM * (weight @ np.abs(tracker) ** 2) / size**2 + 1e-12
     # What no tracked point, near the origin, takes off the ways.
-    body, tracker = (part - arm * (np.vdot(arm, weight * part) / known) for part in (body, tracker))
+    of_body, of_tracker = (np.vdot(arm, weight * part) / known for part in (body, tracker))
+    body, tracker = body - arm * of_body, tracker - arm * of_tracker
     turn = float(np.angle(np.vdot(tracker, weight * body)))
-    return turn, np.abs(body - tracker) ** 2, np.abs(body - np.exp(1j * turn) * tracker) ** 2
+
+    def left(turned: complex) -> Array:
+        return np.abs(body - turned * tracker) ** 2 + np.abs(of_body - turned * of_tracker) ** 2 * swung**2
+
+    return turn, left(1.0), left(np.exp(1j * turn))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from castor_envs.geometry.mounting import TURNED, turn_of_tracker
-from castor_envs.geometry.se2 import compose
+from castor_envs.geometry.mounting import TURNED, fit_mount, turn_of_tracker
+from castor_envs.geometry.se2 import compose, relative_pose
 
 
 def path(random, circle=False):
@@ -39,3 +39,13 @@ def test_a_tracker_hardly_turned_or_unseen_is_not_turned():
 def test_on_a_circle_another_point_of_the_body_looks_the_same():
     body = path(np.random.default_rng(1), circle=True)
     assert turn_of_tracker([(body, compose(body, [0.3, 0.3, 0.0]))], 0.4) == 0.0
+
+
+def test_no_tracked_point_of_a_body_that_stands_goes_round_a_circle():
+    body = path(np.random.default_rng(1), circle=True)
+    seen = relative_pose(body[:-1], body[1:])
+    squares = np.sum(seen[:, :2] ** 2, axis=1)
+    _, *agreeing = fit_mount(seen, seen, 0.4, np.ones(len(seen)))
+    _, *standing = fit_mount(np.zeros_like(seen), seen, 0.4, np.ones(len(seen)))
+    assert np.max(agreeing) < 1e-6 * np.min(squares)
+    assert np.all(standing > 0.9 * squares)

@@ -89,7 +89,7 @@ def guessed(
     named: Sequence[Sized],
 ) -> list[Dimension]:
     """Return the posterior mean of all dimensions together and, after them, of named effects, with the states fitted
-    anew beside it; none where no robot can have it, as logs of hardly any motion may guess.
+    anew beside it; none where no robot can have it, or no motion fits it, as logs of hardly any motion may guess.
 
     good: clean logs, linearised. dimensions: those that are not named, in sizes to begin with. named: effects in the
     model, of dimensions and others, whose prior is flat.
@@ -97,7 +97,10 @@ def guessed(
     among = [effect.candidate for effect in (*dimensions, *named)]
     current, errors = [*dimensions, *named], []
     for _ in range(ROUNDS):
-        seen = look([effect for effect in current if np.any(effect.amplitudes)], seen, among)
+        try:
+            seen = look([effect for effect in current if np.any(effect.amplitudes)], seen, among)
+        except np.linalg.LinAlgError:
+            return []
         current, errors = _together(seen, order_of(seen, good), current, len(dimensions))
         if not possible(robot, current):
             return []

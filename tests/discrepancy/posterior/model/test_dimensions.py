@@ -78,6 +78,16 @@ def test_a_guess_that_no_robot_can_have_is_none(monkeypatch):
     assert len(looked) == 1
 
 
+def test_a_guess_that_no_motion_fits_is_none():
+    robot, offset = preset("asoc-prototype"), Candidate("", (PivotOffset(castor=1, value=1e-4),))
+
+    def look(*_: Any) -> Any:
+        raise np.linalg.LinAlgError("18-th leading minor not positive definite")
+
+    nothing: Any = None
+    assert guessed(robot, look, nothing, None, [Sized(offset, np.zeros(1))], []) == []
+
+
 def driven(name, *effects, seed=3):
     robot = preset(name)
     motion = wander(np.random.default_rng([seed, 1]), duration=20.0, holonomic=False)
