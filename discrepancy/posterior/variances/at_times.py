@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import expit, gammaln, logit
 
-from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
@@ -26,24 +25,14 @@ from discrepancy.measurement.design_matrix import DesignMatrix
 from discrepancy.posterior.answers import Answer, Cause
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
-from estimators.likelihood.disagreement import LEAST_KEPT, Disagreement, of_row, slip_of_row
+from discrepancy.posterior.variances.bursts import bursts_of, losses, steady_box
+from estimators.likelihood.disagreement import LEAST_KEPT, Disagreement, of_row
 
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
 """Parts of all windows in which the fault may be active."""
 
 IN_LOG = 0.5
 """Prior probability that an intermittent fault of a robot shows in any given log."""
-
-SELDOM = 0.5
-"""Largest part of the time that bursts last: what a wheel does for longer has another cause, as that it slides."""
-
-EVEN, MOSTLY = 0.1, 0.75
-"""Largest deviation of bursts from a steady beat, as a part of the period, and the part of bursts that must keep within
-it."""
-
-
-AROUND = 20
-"""Number of periods that are tried on either side of a beat's, each farther by a step in all of its bursts."""
 
 
 class Faulty(NamedTuple):
@@ -65,11 +54,19 @@ class Faulty(NamedTuple):
         return tuple(probability > 0.5 for probability in self.active)
 
 
-def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answer], names: int) -> list[Faulty]:
+def at_times(
+    logs: Sequence[Log],
+    seen: Linearised,
+    clean: Linearised | None,
+    answers: Sequence[Answer],
+    names: int,
+    known: Collection[int] = (),
+) -> list[Faulty]:
     """Return the rows that disagree with the other rows intermittently with probability `CREDIBLE`, beyond the effects
-    in `answers`.
+    in `answers`; if there are none, that of a wheel that loses counts in bursts of a steady beat, so often that they
+    are the usual disagreement of windows.
 
-    names: number of other possible answers, all of the same prior probability.
+    names: number of other possible answers, all of the same prior probability. known: rows that are known to.
     """
     among = [answer.candidate for answer in answers if answer.effect is not None]
     disagreements = _beside(seen, among)
@@ -77,7 +74,7 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
     if clean is not None:
         good = [disagreement.beside([]) for disagreement in clean.disagreements]
         usual = np.max([usual, *map(_log_factors, good)], axis=0)
-    found: list[Faulty] = []
+    found = list[Faulty]()
     while len(found) < len(usual):
         log_odds = _in_some_logs([_log_factors(off) for off in disagreements]) - usual + prior_log_odds(names)
         row = int(np.argmax(log_odds))
@@ -91,7 +88,7 @@ def at_times(seen: Linearised, clean: Linearised | None, answers: Sequence[Answe
         ]
         found.append(fault._replace(slips=tuple(slips)))
         disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, fault.hits, strict=True)]
-    return found
+    return found or _beating(logs, seen, names, known)
 
 
 def steps_of(seen: Linearised, faulty: Sequence[Faulty]) -> list[NDArray[np.bool_]]:
@@ -105,13 +102,17 @@ def steps_of(seen: Linearised, faulty: Sequence[Faulty]) -> list[NDArray[np.bool
     return steps
 
 
-def recurring(seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty], list[float]]:
+def recurring(logs: Sequence[Log], seen: Linearised, faulty: Sequence[Faulty]) -> tuple[list[Faulty], list[float]]:
     """Return the windows of other logs in which the same rows contradict the rest, and the log Bayes factor of each
     fault in them."""
     disagreements, found, confirmed = _beside(seen, ()), [], []
     for fault in faulty:
         active = tuple(_active(off[:, fault.row]) for off in disagreements)
-        confirmed.append(float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row]))
+        factor = float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row])
+        beating = _beats(logs, seen, fault.row)
+        if beating is not None and beating.log_odds > factor:
+            active, factor = beating.active, beating.log_odds
+        confirmed.append(factor)
         found.append(fault._replace(active=active, slips=()))
         disagreements = [off * ~hit[:, None] for off, hit in zip(disagreements, found[-1].hits, strict=True)]
     return found, confirmed
@@ -162,6 +163,35 @@ def _beside(seen: Linearised, among: Sequence[Cause]) -> list[Array]:
     return by_log
 
 
+def _beating(logs: Sequence[Log], seen: Linearised, names: int, known: Collection[int]) -> list[Faulty]:
+    """Return the row that contradicts the others most if its wheel is likely to lose counts in bursts of a steady beat:
+    other rows disagree with it then, too. names, known: see `at_times`."""
+    squares = np.sum(
+        [np.sum((of.counted[:, None] * of.seen * of.along) ** 2, axis=0) for of in seen.disagreements], axis=0
+    )
+    row = int(np.argmax(squares))
+    found = None if row in known else _beats(logs, seen, row)
+    log_odds = -np.inf if found is None else found.log_odds + prior_log_odds(names)
+    return [] if found is None or log_odds < LOG_ODDS else [found._replace(log_odds=log_odds)]
+
+
+def _beats(logs: Sequence[Log], seen: Linearised, row: int) -> Faulty | None:
+    """Return the windows in which the wheel of a row loses counts if it does so in bursts of a steady beat, with their
+    log Bayes factor; None of several logs, whose bursts have no common beat, of a castor's row, and where nothing is
+    lost."""
+    (design, disagreement), *others = zip(seen.designs, seen.disagreements, strict=True)
+    if others or not disagreement.along[row]:
+        return None
+    counted = np.repeat(disagreement.counted, disagreement.steps)
+    lost, way = (of * counted for of in losses(design, row))
+    if (box := steady_box(logs[0].t, lost, way)) is None:
+        return None
+    starts = np.cumsum(disagreement.steps) - disagreement.steps
+    hit, rolled = np.logical_or.reduceat(box.inside & counted, starts), np.add.reduceat(disagreement.way, starts)
+    slips = hit * np.add.reduceat(lost, starts) / rolled
+    return Faulty(row, (hit.astype(np.float64),), (slips,), box.log_factor)
+
+
 def _kept(design: DesignMatrix, disagreement: Disagreement, row: int) -> Array:
     """Return the part (W,) of a row's slip that shows as its disagreement, if no other row slips."""
     rolled = np.abs(design.model.rolled(design.geometry, design.state)).max(axis=1)
@@ -199,147 +229,3 @@ def _by_part(off: Array) -> Array:
 def _active(off: Array) -> Array:
     """Return the probability (W,) that the fault of a row is active in each window."""
     return np.asarray(expit(_log_ratios(off) + logit(PARTS[np.argmax(_by_part(off[:, None])[:, 0])])))
-
-
-class Bursts(NamedTuple):
-    """Counts lost in bursts, the standard error of the part lost, and the log odds (natural logarithm) of lost counts
-    against another cause."""
-
-    effect: TickLossBursts
-    error: float
-    log_odds: float
-
-
-def bursts_of(
-    robot: RobotDescription, logs: Sequence[Log], seen: Linearised, row: int, active: Sequence[Array]
-) -> Bursts | None:
-    """Return the bursts in which the wheel of a row loses counts; None for a castor's row, or if another cause is
-    likelier. active: for each log the probability (W,) that the fault is active in a window."""
-    k = int(seen.designs[0].model.rows[row])
-    if k >= len(robot.wheels):
-        return None
-    ways, shares, parts, fast_steps, windows, hits, log_odds = [], [], [], [], [], [], 0.0
-    for design, disagreement, probability in zip(seen.designs, seen.disagreements, active, strict=True):
-        windows.append(np.repeat(np.arange(len(probability)), disagreement.steps))
-        lost, _ = slip_of_row(design.model, design.geometry, design.state, row)  # m in each step, as the way
-        way = design.model.rolled(design.geometry, design.state)[:, row] + lost
-        lost, way = lost * np.sign(way), np.abs(way)
-        by_window, farthest = (np.bincount(windows[-1], part, len(probability)) for part in (lost, way))
-        fewer = (by_window > 0) & (by_window <= farthest)
-        likely = probability > 0.5
-        log_odds += _log_odds(probability[likely], fewer[likely])
-        hit = fewer & likely
-        hits.append(hit)
-        fast_steps.append(way > np.median(way) / 4)  # in slower steps the part lost is uncertain
-        ways.append((lost, way))
-        shares.append(lost / np.maximum(way, 1e-12))
-        parts.append(shares[-1][fast_steps[-1] & hit[windows[-1]]])
-    inside = np.concatenate(parts)
-    if log_odds <= 0 or not len(inside):
-        return None
-    largest = np.sort(inside)[-sum(int(hit.sum()) for hit in hits) :]  # a step of each window, or more
-    inside = inside[inside > np.median(largest) / 2]
-    value = float(np.clip(np.median(inside), 0.0, 1.0))
-    bursts = [
-        _bursts(log.t, hit, window, fast, share / value)
-        for log, hit, window, fast, share in zip(logs, hits, windows, fast_steps, shares, strict=True)
-    ]
-    all_starts, all_widths = zip(*bursts, strict=True)
-    beat = _beat(all_starts[0]) if len(logs) == 1 else None
-    width = float(np.median(np.concatenate(all_widths)))
-    period = sum(float(np.ptp(log.t)) for log in logs) / sum(map(len, all_starts)) if beat is None else beat[1]
-    if width > SELDOM * period:
-        return None
-    castor, wheel = robot.wheel_places[k]
-    start, seed = 0.0, 0
-    if beat is not None:
-        lost, way = ways[0]
-        (start, period, width, in_bursts), seed = _box(logs[0].t, lost, way, 2 * width, *beat), None
-        if np.any(fast := in_bursts & fast_steps[0]):
-            inside = shares[0][fast]
-            value = float(np.clip(np.median(inside), 0.0, 1.0))
-    error = float(np.std(inside) / np.sqrt(len(inside)))
-    effect = TickLossBursts(castor=castor, wheel=wheel, value=value, period=period, width=width, start=start, seed=seed)
-    return Bursts(effect, error, log_odds)
-
-
-def _log_odds(active: Array, fewer: NDArray[np.bool_]) -> float:
-    """Return the log odds (natural logarithm) of lost counts against another cause, given the windows (W,) in which
-    the encoder shows less than the wheel turns.
-
-    Where the fault is active, lost counts always show less and another cause does with probability 1/2; where it is
-    not, either sign says nothing.
-    """
-    least = np.finfo(float).tiny  # of a window that certainly contradicts
-    return float(np.sum(np.log(np.maximum(1 + np.where(fewer, active, -active), least))))
-
-
-def _bursts(
-    t: Array, hit: NDArray[np.bool_], window: NDArray[np.intp], fast: NDArray[np.bool_], share: Array
-) -> tuple[Array, Array]:
-    """Return when bursts start, and how long they last, s: one in every run of windows that are hit (W,).
-
-    window (K - 1,): window of each step. fast: steps in which the part lost can be estimated; share: this part,
-    relative to the part that bursts lose.
-    """
-    middle, length, starts, widths = (t[1:] + t[:-1]) / 2, np.diff(t), [], []
-    near = np.convolve(hit, np.ones(3), "same") > 0  # a burst may begin or end in the neighbouring window
-    for run in np.split(np.arange(len(hit)), np.flatnonzero(np.diff(near)) + 1):
-        steps = np.flatnonzero(np.isin(window, run) & fast & (share > 0.5)) if near[run[0]] else np.zeros(0, np.intp)
-        if not len(steps):
-            continue
-        around = np.arange(max(steps[0] - 1, 0), min(steps[-1] + 2, len(share)))  # neighbours may be lost in part
-        between = (around > steps[0]) & (around < steps[-1])
-        weight = np.where(between, 1.0, np.clip(np.where(fast[around], share[around], 0.0), 0.0, 1.0)) * length[around]
-        starts.append(weight @ middle[around] / weight.sum() - weight.sum() / 2)
-        widths.append(float(weight.sum()))
-    return np.array(starts), np.array(widths)
-
-
-def _box(
-    t: Array, lost: Array, way: Array, longest: float, first: float, period: float
-) -> tuple[float, float, float, NDArray[np.bool_]]:
-    """Return when bursts of a steady beat start, their period, and how long they last, s, and which steps (K - 1,) are
-    in them, that explain most of what is lost (K - 1,), m, of the way in steps, m, between times t (K,).
-
-    Box least squares (Kovacs, Zucker and Mazeh, Astronomy and Astrophysics 391, 2002). longest: that bursts last, s,
-    which keeps the boxes that are compared few in long logs. first, period: by the beat, s, which is known to about a
-    step of each of its bursts.
-    """
-    middle, step, best = (t[1:] + t[:-1]) / 2, float(np.median(np.diff(t))), 0.0
-    found = first, period, 0.0, np.zeros(len(way), dtype=bool)
-    beats = max(np.ptp(t) / period, 1.0)
-    for other in (period + step / beats * np.arange(-AROUND, AROUND + 1)).tolist():
-        count = max(round(other / step), 2)
-        phase = (middle - first) / other % 1 * count
-        by_phase = [np.bincount(phase.astype(np.intp), part, count) for part in (lost * way, way**2)]
-        sums = [np.concatenate([[0.0], np.cumsum(np.tile(part, 2))]) for part in by_phase]
-        starts, lengths = np.arange(count)[:, None], np.arange(1, max(int(min(SELDOM * count, longest / step)), 1) + 1)
-        score, information = (of[starts + lengths] - of[starts] for of in sums)
-        explained = np.maximum(score, 0.0) ** 2 / np.maximum(information, 1e-12)
-        if explained.max() > best:
-            best, (begin, length) = explained.max(), np.unravel_index(np.argmax(explained), explained.shape)
-            inside = (phase - begin) % count < lengths[length]
-            found = (first + begin * other / count) % other, other, float(lengths[length] * other / count), inside
-    return found
-
-
-def _beat(t: Array) -> tuple[float, float] | None:
-    """Return the first start and the period (s) of a steady beat that bursts keep; None if they do not.
-
-    Beats may be missing, as a wheel at rest loses nothing.
-    """
-    if len(t) < 3:
-        return None
-    for times in range(1, 4):
-        period, first, kept = float(np.median(np.diff(t))) / times, t[0], np.full(len(t), True)
-        for _ in range(2):
-            beats = np.round((t - first) / period)
-            if len(np.unique(beats)) < len(t) or kept.mean() < MOSTLY:
-                break
-            period, first = (float(coefficient) for coefficient in np.polyfit(beats[kept], t[kept], 1))
-            kept = np.abs(t - first - period * beats) < EVEN * period
-        else:
-            if kept.mean() >= MOSTLY:
-                return first - period * np.floor(first / period), period
-    return None

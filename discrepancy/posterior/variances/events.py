@@ -16,6 +16,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.variances import at_times, slippery
+from discrepancy.posterior.variances.bursts import bursts_of
 
 Released = list[NDArray[np.bool_]]
 """Steps (K - 1, rows) of each log."""
@@ -47,7 +48,7 @@ class Events:
             patch = slippery.slippery_in(robot, logs, seen, names)
             if patch is not None:
                 return replace(self, patch=patch, looked=True)
-        new = at_times.at_times(seen, clean, answers, names)
+        new = at_times.at_times(logs, seen, clean, answers, names, [fault.row for fault in self.faulty])
         return replace(self, faulty=(*self.faulty, *new), looked=True) if new else None
 
     def released(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Released:
@@ -62,7 +63,7 @@ class Events:
         self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised
     ) -> tuple["Events", list[float]]:
         """Return the same events in other logs, and the log Bayes factor of each in these."""
-        faulty, confirmed = at_times.recurring(seen, self.faulty)
+        faulty, confirmed = at_times.recurring(logs, seen, self.faulty)
         if self.patch is not None:
             confirmed.append(slippery.confirmed_by(robot, logs, seen, self.patch))
         return replace(self, faulty=tuple(faulty)), confirmed
@@ -106,10 +107,10 @@ class Alone:
     ) -> "Alone | None":
         """Return these of logs linearised with no effect in the model; None if no row contradicts the others. names:
         see `Events.extended`."""
-        faulty = tuple(at_times.at_times(seen, clean, (), names))
+        faulty = tuple(at_times.at_times(logs, seen, clean, (), names))
         if not faulty:
             return None
-        bursts = [at_times.bursts_of(robot, logs, seen, fault.row, fault.active) for fault in faulty]
+        bursts = [bursts_of(robot, logs, seen, fault.row, fault.active) for fault in faulty]
         steady = [burst.effect for burst in bursts if burst is not None and burst.effect.seed is None]
         return cls(Events(faulty, looked=True), at_times.steps_of(seen, faulty), robot.with_effects(*steady))
 

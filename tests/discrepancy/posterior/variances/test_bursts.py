@@ -13,10 +13,12 @@ from castor_envs.motion.rolling import roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
+from discrepancy.posterior.calibrated import CREDIBLE
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.priors import order_of
-from discrepancy.posterior.variances.at_times import answer_of, at_times, bursts_of
+from discrepancy.posterior.variances.at_times import answer_of, at_times
+from discrepancy.posterior.variances.bursts import bursts_of
 from discrepancy.posterior.variances.events import Events
 from discrepancy.posterior.verdicts import MATERIAL, judged
 from discrepancy.trials.pymunk_generator import drive
@@ -55,7 +57,7 @@ def when(starts, width):
 def losing(log):
     """The rows that contradict the others at times, and what the first of them loses."""
     seen = linearise(ROBOT, [log], among=())
-    faulty = at_times(seen, None, [], 100)
+    faulty = at_times([log], seen, None, [], 100)
     return faulty, bursts_of(ROBOT, [log], seen, faulty[0].row, faulty[0].active) if faulty else None
 
 
@@ -72,6 +74,20 @@ def test_a_steady_beat_is_found_with_its_wheel_part_and_times(wheel, part):
         pytest.approx(1.0, abs=0.15),
     )
     assert effect.seed is None
+
+
+@pytest.mark.parametrize("period", [1.5, 2.0, 3.0])
+def test_bursts_in_most_windows_are_found_too(period):
+    """Those of a swerve base that fall into up to all of the windows of a second."""
+    effect = TickLossBursts(castor=4, wheel=1, value=0.06, period=period, width=0.3, start=0.6)
+    robot, log = preset("swerve"), dataclasses.replace(driven(5, effect), reference=None)
+    seen = linearise(robot, [log], among=())
+    (fault, *_) = at_times([log], seen, None, [], 100)
+    found = bursts_of(robot, [log], seen, fault.row, fault.active)
+    assert found is not None
+    assert (found.effect.castor, found.effect.wheel) == (4, 1)
+    assert (found.effect.value, found.effect.period) == (pytest.approx(0.06, rel=0.05), pytest.approx(period, abs=0.01))
+    assert found.effect.width == pytest.approx(0.3, abs=0.06)
 
 
 def test_bursts_at_random_are_found_without_a_beat():
@@ -98,18 +114,19 @@ def test_encoders_that_cannot_contradict_each_other_tell_nothing():
     t, turned, _ = rolled()
     poses = np.zeros((len(t), 3))
     log = Log(t, np.round(20 * turned[:, :2]), np.zeros((len(t), 0)), reference=poses)
-    assert at_times(linearise(preset("differential"), [log], among=()), None, [], 100) == []
+    assert at_times([log], linearise(preset("differential"), [log], among=()), None, [], 100) == []
 
 
 @pytest.mark.parametrize(("bursts", "sure"), [(3, False), (6, True)])
 def test_few_bursts_may_be_chance(bursts, sure):
-    """Were nothing lost, every window would be of either sense: 2 to the power of their number."""
+    """Were nothing lost, every burst would be of either sense: 2 to the power of their number, if it is certain that
+    there were any. While the wheel hardly turns, as in one of six, none shows."""
     log = read(less(3, 0.3 * when(np.arange(bursts) * 9.0 + 3.3, 0.4)))
     seen = linearise(ROBOT, [log], among=())
-    (fault,) = at_times(seen, None, [], 100)
+    (fault,) = at_times([log], seen, None, [], 100)
     answer = answer_of(ROBOT, [log], seen, fault, None, ())
-    windows = int(fault.hits[0].sum())
-    assert answer.probability == pytest.approx(2.0**windows / (1 + 2.0**windows), abs=1e-3)
+    odds = (1 + CREDIBLE) ** (bursts - (bursts == 6))
+    assert answer.probability == pytest.approx(odds / (1 + odds), abs=1e-3)
     assert answer.unnamed != sure
     assert len(answer.credible) == (1 if sure else 2)
     for_another_reason = answer_of(ROBOT, [log], seen, fault, None, [f"wheel_{ROBOT.wheel_names[fault.row]}"])
@@ -137,7 +154,7 @@ def test_counts_lost_in_physics_are_named_and_confirmed():
 def test_held_out_logs_without_losses_do_not_confirm_them():
     robot, effect = preset("swerve"), TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
     seen, good = (linearise(robot, [log], among=()) for log in (driven(3, effect), driven(4)))
-    events = Events(faulty=tuple(at_times(seen, None, [], 100)))
+    events = Events(faulty=tuple(at_times([driven(3, effect)], seen, None, [], 100)))
     _, confirmed = events.in_other_logs(robot, [driven(4)], good)
     answers = events.answers(robot, [driven(3, effect)], seen, confirmed, ())
     (answer,) = judged(answers, [], (good, good), order_of(good, None), MATERIAL)
