@@ -263,6 +263,7 @@ def test_a_slope_on_which_stiff_contacts_do_not_creep_costs_nothing(robot, durat
     (answer,) = diagnosis.answers
     assert (diagnosis.verdict, answer.candidate.family) == ("negligible", "floor_slope x")
     assert answer.effect.value == pytest.approx(0.03, abs=2 * answer.error)
+    assert diagnosis.held_out is not None
     before, after = diagnosis.held_out
     assert after.gap[0] < 1.03 * before.gap[0]
 
