@@ -54,6 +54,7 @@ class World:
         self.roll: NDArray[np.intp] = np.array([joints[f"roll_{k}"].qposadr[0] for k in wheels])
         self._roll_dof = [joints[f"roll_{k}"].dofadr[0] for k in wheels]
         self._slide_dof = [joints[f"slide_{k}"].dofadr[0] for k in wheels]
+        self._slide = [joints[f"slide_{k}"].qposadr[0] for k in wheels]
         self._tracked = [joints[name].qposadr[0] for name in ("mast_x", "mast_y") if name in joints]
         self._hub = [model.body(f"hub_{k}").id for k in wheels]
         self._geom = [model.geom(f"wheel_{k}").id for k in wheels]
@@ -129,7 +130,9 @@ class World:
         """Do nothing: a model is only memory."""
 
     def set_radius(self, wheel: int, radius: float) -> None:
-        """Give a wheel another radius, m."""
+        """Give a wheel another radius, m. Its axle follows: a wheel that shrinks would else leave the floor for a step,
+        and spin."""
+        self.data.qpos[self._slide[wheel]] += radius - self.model.geom_size[self._geom[wheel], 0]
         self.model.geom_size[self._geom[wheel], [0, 2]] = radius
         self.model.geom_rbound[self._geom[wheel]] = radius
 

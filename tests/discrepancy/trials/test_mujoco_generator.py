@@ -25,8 +25,10 @@ from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.effects.floor import Bump, FloorSlope
 from castor_envs.errors import InputError
 from castor_envs.floor import Cable, Floor, Patch
+from castor_envs.geometry.steps import Motion
 from castor_envs.motion.trajectories import Leg, Trajectory, wander
 from castor_envs.motion.trajectories import Run as Drive
+from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.presets import preset
 from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
@@ -254,6 +256,17 @@ def test_tyres_slip_as_their_stiffness_and_the_force_ask():
     stiffness = robot.contact.slip_stiffness_long
     asked = -(weight * 0.05) / loads(runs[0])[len(runs[0].t) // 2].sum() * (1 / (0.5 * stiffness) - 1 / stiffness)
     assert slip[1] - slip[0] == pytest.approx(asked, rel=0.1)
+
+
+def test_tyres_slip_in_acceleration_as_the_law_says():
+    """A wheel that shrinks under its force stays on the floor: else it spins, and slips five times as much."""
+    softer, motion = SlipStiffness(value=-0.6), wander(np.random.default_rng(1), duration=10.0)
+    runs = [simulate(robot, motion, 1, duration=10.0) for robot in (ASOC.with_effects(softer), ASOC)]
+    slip, clean = (slips(run, ASOC)[0].T for run in runs)
+    t, pose, angle = (of[:: runs[0].every] for of in (runs[0].t, runs[0].pose, runs[0].angle))
+    law = softer.slip(ContactMotion(ASOC, Motion(t, pose, angle[:, :6], angle[:, 6:], True, 0.0)))
+    assert law is not None
+    assert np.sum((slip - clean) * law.rolling) / np.sum(law.rolling**2) == pytest.approx(1.0, abs=0.25)
 
 
 def test_side_slip_is_as_large_as_stiffness_and_force_ask():
