@@ -177,10 +177,10 @@ def _beating(logs: Sequence[Log], seen: Linearised, names: int, known: Collectio
 
 def _beats(logs: Sequence[Log], seen: Linearised, row: int) -> Faulty | None:
     """Return the windows in which the wheel of a row loses counts if it does so in bursts of a steady beat, with their
-    log Bayes factor; None of several logs, whose bursts have no common beat, of a castor's row, and where nothing is
-    lost."""
+    log Bayes factor; None of several logs, whose bursts have no common beat, of a castor's row, of encoders that cannot
+    contradict each other, and where nothing is lost."""
     (design, disagreement), *others = zip(seen.designs, seen.disagreements, strict=True)
-    if others or not disagreement.along[row]:
+    if others or not (design.redundant and disagreement.along[row]):
         return None
     counted = np.repeat(disagreement.counted, disagreement.steps)
     lost, way = (of * counted for of in losses(design, row))

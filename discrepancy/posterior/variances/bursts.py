@@ -3,8 +3,9 @@
 How far a wheel turned further than its encoder shows, as the other wheels tell, is folded with a period, and a box that
 begins and ends at two phases says when counts are lost (box least squares: Kovacs, Zucker and Mazeh, Astronomy and
 Astrophysics 391, 2002). A beat is likely if its box leaves so much less than a loss of the same part all the time, as
-of a wheel that is too large, and than counts gained in a box, that no choice among so many boxes makes up for it. That
-the wheel turned further in every burst is chance for any other cause than lost counts.
+of a wheel that is too large, and than counts gained in a box, that no choice among so many boxes makes up for it, if
+what else contradicts lasts for `WINDOW`. That the wheel turned further in every burst is chance for any other cause
+than lost counts.
 """
 
 import math
@@ -21,7 +22,7 @@ from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.measurement.design_matrix import DesignMatrix
 from discrepancy.posterior.calibrated import CREDIBLE, LOG_ODDS
 from discrepancy.posterior.linearise import Linearised
-from estimators.likelihood.disagreement import QUICK, slip_of_row
+from estimators.likelihood.disagreement import QUICK, WINDOW, slip_of_row
 
 SELDOM = 0.5
 """Largest part of the time that bursts last: what a wheel does for longer has another cause, as that it slides."""
@@ -80,7 +81,7 @@ def steady_box(t: Array, lost: Array, way: Array) -> Box | None:
     if explained <= 0:
         return None
     left = total - min(explained, (1 - LEAST_LEFT) * total)
-    factor = np.ptp(t) / QUICK / 2 * math.log((total - max(always, gained[0])) / left + 1e-12) - math.log(tried)
+    factor = np.ptp(t) / WINDOW / 2 * math.log((total - max(always, gained[0])) / left + 1e-12) - math.log(tried)
     beat = (middle - start) / period
     return Box(start, period, width, beat % 1 * period < width, np.floor(beat).astype(np.intp), float(factor))
 
