@@ -72,8 +72,10 @@ def losses(design: DesignMatrix, row: int) -> tuple[Array, Array]:
 
 def steady_box(t: Array, lost: Array, way: Array) -> Box | None:
     """Return the likeliest bursts of a steady beat, by what is lost (K - 1,) of the way in steps, m, between times t
-    (K,), s; None where nothing is lost."""
+    (K,), s; None where nothing is lost, or the log is too short for `FEWEST` bursts."""
     middle, step = (t[1:] + t[:-1]) / 2 - t[0], float(np.median(np.diff(t)))
+    if np.ptp(t) < FEWEST * _shortest(step):
+        return None
     always = float(lost @ way) ** 2 / max(float(way @ way), 1e-12)
     found, tried = _likeliest(middle, lost, way, step)
     gained, _ = _likeliest(middle, -lost, way, step)
@@ -94,7 +96,7 @@ def _likeliest(middle: Array, lost: Array, way: Array, step: float) -> tuple[_Fo
     """Return the best box of all periods, and how many boxes were compared at first."""
     whole = float(middle[-1] - middle[0])
     span, coarse = min(whole, BEGINNING), max(QUICK, step)
-    begin, shortest, longest = middle < span, 4 * coarse, max(span / FEWEST, 4 * coarse)
+    begin, shortest, longest = middle < span, _shortest(step), max(span / FEWEST, _shortest(step))
     found, tried = (0.0, 0.0, shortest, 0.0), 1
     for period in np.geomspace(shortest, longest, math.ceil(np.log(longest / shortest) * span / coarse) + 1).tolist():
         box, boxes = _boxed(middle[begin], lost[begin], way[begin], period, coarse, SELDOM * period)
@@ -102,10 +104,16 @@ def _likeliest(middle: Array, lost: Array, way: Array, step: float) -> tuple[_Fo
     while True:
         _, _, known, width = found
         part, periods = middle < span, known + step * known / span * np.arange(-AROUND, AROUND + 1)
+        periods = periods[periods >= _shortest(step) / 2]
         found = max(_boxed(middle[part], lost[part], way[part], one, step, 2 * width)[0] for one in periods.tolist())
         if span >= whole:
             return found, tried
         span = min(2 * span, whole)
+
+
+def _shortest(step: float) -> float:
+    """Return the shortest period that is looked for, s, in a log with this step."""
+    return 4 * max(QUICK, step)
 
 
 def _boxed(middle: Array, lost: Array, way: Array, period: float, step: float, longest: float) -> tuple[_Found, int]:

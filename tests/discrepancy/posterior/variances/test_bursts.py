@@ -18,7 +18,7 @@ from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.priors import order_of
 from discrepancy.posterior.variances.at_times import answer_of, at_times
-from discrepancy.posterior.variances.bursts import bursts_of
+from discrepancy.posterior.variances.bursts import bursts_of, steady_box
 from discrepancy.posterior.variances.events import Events
 from discrepancy.posterior.verdicts import MATERIAL, judged
 from discrepancy.trials.pymunk_generator import drive
@@ -88,6 +88,20 @@ def test_bursts_in_most_windows_are_found_too(period):
     assert (found.effect.castor, found.effect.wheel) == (4, 1)
     assert (found.effect.value, found.effect.period) == (pytest.approx(0.06, rel=0.05), pytest.approx(period, abs=0.01))
     assert found.effect.width == pytest.approx(0.3, abs=0.06)
+
+
+@pytest.mark.parametrize("samples", [3, 8, 14, 40])
+def test_short_and_slow_logs_have_a_beat_or_none(samples):
+    """A row a second: at least three bursts of four rows make a beat."""
+    t, way = np.arange(float(samples)), np.full(samples - 1, 0.1)
+    lost = np.where(np.arange(samples - 1) % 5 == 2, 0.02, 0.0)
+    found = steady_box(t, lost, way)
+    assert (found is None) == (samples < 13)
+    assert steady_box(t, 0 * lost, way) is None
+    if samples == 40:
+        assert found is not None
+        assert (found.period, found.width) == (pytest.approx(5.0, abs=0.1), pytest.approx(1.0, abs=0.1))
+        assert np.array_equal(found.inside, lost > 0)
 
 
 def test_bursts_at_random_are_found_without_a_beat():
