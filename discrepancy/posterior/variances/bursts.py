@@ -42,7 +42,7 @@ AROUND = 20
 
 class Box(NamedTuple):
     """Bursts of a steady beat: when they start, s after the log begins, their period and how long they last, s; which
-    steps (K - 1,) are in them, and the number of the burst (K - 1,) before which each step ends; and the log Bayes
+    steps (K - 1,) are in them, and the number of the beat (K - 1,) that each step belongs to; and the log Bayes
     factor (natural logarithm) of a fault in them."""
 
     start: float
@@ -174,8 +174,8 @@ def bursts_of(
         ]
         width = float(np.median(np.concatenate(widths)))
         period, start, seed = sum(float(np.ptp(log.t)) for log in logs) / sum(map(len, widths)), 0.0, 0
-    if width > SELDOM * period:
-        return None
+        if width > SELDOM * period:
+            return None
     error = float(np.std(inside) / np.sqrt(len(inside)))
     effect = TickLossBursts(castor=castor, wheel=wheel, value=value, period=period, width=width, start=start, seed=seed)
     return Bursts(effect, error, log_odds)
