@@ -9,8 +9,9 @@ slips by A delta, and Newton's law, M q'' = A' F + gravity, says which slips are
 power. How far wheels disagree does not change with delta, so it is known from what they roll, however well the body's
 motion is. Wheels without motor carry no force along; castors turned by a motor add no free speed to delta.
 
-Where a contact's force would be beyond the friction circle it yields as much more as brings it back there. Left out are
-bristles that have yet to build up their force (a relaxation length of rolling, as after reversals).
+Where a contact's force would be beyond the friction circle it yields as much more as brings it back there. What wheels
+disagree deflects bristles first, and creeps as these relax, in a relaxation length of rolling: so hardly at a stop.
+Left out is what bristles deflect by a force that changes, as in an acceleration.
 """
 
 from contextlib import suppress
@@ -110,6 +111,7 @@ class ForceBalance:
         stiffness = np.concatenate([contact.slip_stiffness_long * loads, contact.slip_stiffness_lat * loads])
         path[:, :w] -= np.diff(motion.wheel_angle, axis=0) * geometry.radius
         self._geometry, self._motion, self._carrying, self._path = geometry, motion, carrying, path
+        self._speed, self._relaxation = speed[:, carrying % w], contact.relaxation_length
         self._rows, self._rolling = rows[:, carrying], (np.tile(speed, 2) / stiffness + creep_compliance)[:, carrying]
         self._needed = _needed(robot, motion, floor)[:, [0, 1, 2, *(3 + free)]]
         # Rollers at an angle push aside as well: of a contact's force the part along is limited.
@@ -151,13 +153,32 @@ class ForceBalance:
         return self._slipping(self._seen(self._path))
 
     def _seen(self, path: Array) -> Array:
-        """Return how fast contacts are seen to slip (K - 1, rows), m/s, by how far they move beyond what wheels
+        """Return how fast contacts are seen to creep (K - 1, rows), m/s, by how far they move beyond what wheels
         roll."""
-        return self._motion.averaged(path[:, self._carrying] / self._motion.period[:, None])
+        slipping = self._motion.averaged(path[:, self._carrying] / self._motion.period[:, None])
+        return relaxed(slipping, self._speed, self._motion.period, self._relaxation)
 
     def _slipping(self, seen: Array) -> tuple[Array, Array]:
         wheel = self._carrying % len(self._geometry.radius)
         return _within_friction(self._rows, seen, self._needed, self._rolling, self._limits, self._most, wheel)
+
+
+def relaxed(slipping: Array, speed: Array, period: Array, length: float) -> Array:
+    """Return how fast contacts creep (k, rows), m/s, that begin without force and slip at speeds `slipping` (k, rows).
+
+    What a contact slips deflects its bristles, which relax as it rolls, at speeds `speed` (k, rows): the deflection z
+    follows dz/dt = slipping - speed z / length, and speed z / length is its creep. In implicit Euler steps of `period`
+    (k,), s.
+    """
+    from scipy.linalg import solve_banded  # slow to import
+
+    creeping = np.empty_like(slipping)
+    rolled = speed * period[:, None] / length
+    for row in range(slipping.shape[1]):
+        bands = np.stack([1.0 + rolled[:, row], np.full(len(period), -1.0)])
+        deflection = solve_banded((1, 0), bands, slipping[:, row] * period)
+        creeping[:, row] = deflection * speed[:, row] / length
+    return creeping
 
 
 def _within_friction(

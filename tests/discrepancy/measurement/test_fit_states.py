@@ -30,6 +30,10 @@ ROBOT = preset("asoc-prototype")
 """Its logs are of the physics: whatever creeps there, no formula of the finder's made it."""
 
 
+STRANGE = WheelRadius(castor=1, wheel=1, value=0.01)
+"""An effect that no description tells."""
+
+
 @cache
 def driven(*effects):
     motion = wander(np.random.default_rng([11, 0]), duration=40.0)
@@ -74,6 +78,19 @@ def test_a_large_effect_in_the_model_leaves_no_slip():
     robot = described.with_effects(PivotBacklash(castor=1, value=0.05))
     log = drive(robot, wander(np.random.default_rng([11, 0]), duration=20.0), 11, duration=20.0)
     assert linearise(robot, [log], among=[]).noise.along < 5e-5
+
+
+@pytest.mark.parametrize(("name", "effects"), [("asoc-full-scale", ()), ("asoc-prototype", (STRANGE,))])
+def test_creep_settles_however_little_wheels_roll(name, effects, monkeypatch):
+    """At stops noise of the state once passed for wheels that disagree, at forces beyond friction: a fit took all
+    rounds, and its log evidence hung on where it began."""
+    rounds = []
+    follow = fit_states.fitted
+    monkeypatch.setattr(fit_states, "fitted", lambda *args, **known: rounds.append(0) or follow(*args, **known))
+    robot = preset(name)
+    log = drive(robot.with_effects(*effects), wander(np.random.default_rng([11, 0]), duration=40.0), 11, duration=40.0)
+    linearise(robot, [log], among=[])
+    assert len(rounds) <= fit_states.MOST_ROUNDS / 2
 
 
 @pytest.mark.parametrize("seed", [12, 22])
