@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.columns import LogColumns
@@ -71,15 +72,19 @@ def inspect_log(robot: RobotDescription, log: Log) -> dict[str, Any]:
 def _channels(robot: RobotDescription, log: Log) -> list[dict[str, Any]]:
     """Return range and largest step of every encoder and gyro channel; a pivot's step is taken the shorter way round.
 
-    `at_most` is the largest step, in counts, that the robot's speed limit allows in the time that step took.
+    `at_most` is the largest step, in counts, that the robot's speed limit allows in the time that step took; `still`
+    the longest time, s, in which counts stay as they are while those of another encoder change.
     """
     columns, channels = LogColumns.of(robot), []
+    moves = np.diff(np.column_stack([log.wheel, log.pivot]), axis=0) != 0
+    stands = iter(_still(log.t, ~moves[:, k], moves.any(axis=1)) for k in range(moves.shape[1]))
     for name, counts, steps, limit in wheel_steps(robot, log):
         at_most = float(limit[np.argmax(np.abs(steps))])
-        channels.append(_channel(name, "counts", counts, np.abs(steps), at_most))
+        channels.append(_channel(name, "counts", counts, np.abs(steps), at_most, next(stands)))
     for name, i, counts in zip(columns.pivot, robot.pivot_encoders, log.pivot.T, strict=True):
         turn, steps = robot.castors[i].pivot_counts_per_rev or np.nan, np.diff(counts)
-        channels.append(_channel(name, "counts", counts, np.abs(steps - turn * np.round(steps / turn))))
+        shorter = np.abs(steps - turn * np.round(steps / turn))
+        channels.append(_channel(name, "counts", counts, shorter, still=next(stands)))
     if log.gyro is not None:
         channels.append(_channel(columns.gyro[0], "rad/s", log.gyro, np.abs(np.diff(log.gyro))))
     return channels
@@ -98,7 +103,18 @@ def _pose_channels(poses: Array) -> list[dict[str, Any]]:
     ]
 
 
-def _channel(name: str, unit: str, values: Array, steps: Array, at_most: float | None = None) -> dict[str, Any]:
+def _still(t: Array, same: NDArray[np.bool_], moving: NDArray[np.bool_]) -> float:
+    """Return the longest time, s, in which a channel stays the `same` (N - 1,), of the steps in which the robot is
+    `moving` (N - 1,)."""
+    lasted = np.concatenate([[0.0], np.cumsum(np.where(moving, np.diff(t), 0.0))])
+    changes = np.flatnonzero(~same)
+    first, last = np.append(0, changes + 1), np.append(changes, len(same))
+    return float(np.max(lasted[last] - lasted[first]))
+
+
+def _channel(
+    name: str, unit: str, values: Array, steps: Array, at_most: float | None = None, still: float | None = None
+) -> dict[str, Any]:
     return {
         "name": name,
         "unit": unit,
@@ -106,6 +122,7 @@ def _channel(name: str, unit: str, values: Array, steps: Array, at_most: float |
         "largest": values.max(),
         "largest_step": steps.max(),
         "at_most": at_most,
+        "still": still,
         "whole": bool(np.all(values == np.round(values))),
     }
 

@@ -24,7 +24,8 @@ def inspect(
     Agreement is measured by the parity residual: on a robot with more wheels than a motion needs, the rest of each
     wheel's rolling and each castor's side slip after the rigid motion that fits them best. It is given as rms in mm a
     sample, next to the rms that rounding of the counts alone would leave. Sums over about a second show much smaller
-    errors, because rounding does not add up; the verdict uses these sums.
+    errors, because rounding does not add up; the verdict uses these sums. "still" is the longest time in which an
+    encoder's counts stay as they are while another's change: that of a wheel tells of an encoder that stops at times.
     """
     paths = logs_of(logs)
     description = vehicle_of(robot, paths)
@@ -58,11 +59,11 @@ def _tables(entry: dict[str, Any]) -> Iterator[str | Table]:
             "pivots whose counts a turn are not whole, and of rows at the times of slow poses; else look whether the "
             "column holds counts"
         )
-    table = Table("channel", "smallest", "largest", "largest step", "at the robot's limit", box=None)
+    table = Table("channel", "smallest", "largest", "largest step", "at the robot's limit", "still, s", box=None)
     for channel in [*channels, *(entry["reference"] or [])]:
-        limit = "-" if channel["at_most"] is None else f"{channel['at_most']:.6g}"
+        known = ("-" if channel[key] is None else f"{channel[key]:.6g}" for key in ("at_most", "still"))
         table.add_row(
-            channel["name"], *(f"{channel[key]:.10g}" for key in ("smallest", "largest", "largest_step")), limit
+            channel["name"], *(f"{channel[key]:.10g}" for key in ("smallest", "largest", "largest_step")), *known
         )
     yield table
     if entry["gyro"] is not None:

@@ -63,6 +63,18 @@ def test_inspect_prints_json_with_what_the_log_shows(capsys, monkeypatch, log):
     assert "nothing is observable without reference poses" in entry["parity"]["note"]
 
 
+def test_inspect_shows_how_long_an_encoder_stands_while_another_turns(capsys, monkeypatch, tmp_path):
+    """One wheel stops for 0.3 s, and goes on, then the robot stands for a second, which is no fault."""
+    right = np.concatenate([np.arange(5), np.full(3, 4), np.arange(8, 12), np.full(10, 11)])
+    left = np.concatenate([np.arange(12), np.full(10, 11)])
+    wheel = 20.0 * np.column_stack([left, right])
+    write_log(tmp_path / "log.csv", Log(np.arange(22) * 0.1, wheel, np.empty((22, 0))), preset("differential"))
+    code, out, _ = diagnose(capsys, monkeypatch, "inspect", tmp_path / "log.csv", "--robot", "differential", "--json")
+    assert code == 0
+    (entry,) = json.loads(out)["logs"]
+    assert [channel["still"] for channel in entry["channels"]] == pytest.approx([0.0, 0.3])
+
+
 def test_inspect_says_so_where_nothing_can_be_seen(capsys, monkeypatch, log):
     code, out, _ = diagnose(capsys, monkeypatch, "inspect", log, "--robot", "differential")
     assert code == 0
@@ -251,7 +263,7 @@ def test_a_robot_without_any_redundancy_is_inspected_for_what_there_is(capsys, m
     if taken:
         assert entry["reference"][0] | {"whole": None} == {
             **{"name": "ref_x", "unit": "m", "smallest": 0.0, "largest": 0.49, "largest_step": 0.01},
-            **{"at_most": None, "whole": None},
+            **{"at_most": None, "still": None, "whole": None},
         }
     code, out, _ = diagnose(capsys, monkeypatch, "inspect", tmp_path / "log.csv")
     assert code == 0
