@@ -1,6 +1,7 @@
 """Statistics of parameters in one log: its equations with states, and numbers of the log alone, eliminated."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -17,6 +18,9 @@ from estimators.likelihood.elimination import (
     solved,
     variances,
 )
+
+ROUNDING = 1e-14
+"""Part of an information matrix's diagonal that counts as rounding: fifty times the spacing of double precision."""
 
 Fields = Callable[[str, Array, slice], list[tuple[str, Array]]]
 """From a kind of equations, residuals of some of them (k, rows, c), and which: residuals by the fields of `Noise`."""
@@ -51,6 +55,21 @@ class Reduced(NamedTuple):
     variances: Callable[[], Array]
 
 
+def factored(information: Callable[[], Array]) -> Array:
+    """Return the banded Cholesky factor of an information matrix, upper form, which may be overwritten.
+
+    Along a log whose slips are almost certain, and of which no pose is measured, rounding may take all that is known of
+    a state: then the matrix is larger by `ROUNDING`. Raises LinAlgError for a matrix that is not positive definite.
+    """
+    from scipy.linalg import cholesky_banded  # slow to import
+
+    with suppress(np.linalg.LinAlgError):
+        return np.asarray(cholesky_banded(information(), overwrite_ab=True, check_finite=False), dtype=np.float64)
+    larger = information()
+    larger[-1] *= 1.0 + ROUNDING
+    return np.asarray(cholesky_banded(larger, overwrite_ab=True, check_finite=False), dtype=np.float64)
+
+
 def reduced(
     kinds: dict[str, Rows],
     state: Array,
@@ -67,11 +86,10 @@ def reduced(
 
     The log evidence is that of equations over their standard deviations: without the logarithms of these.
     """
-    from scipy.linalg import cho_solve_banded, cholesky_banded  # slow to import
+    from scipy.linalg import cho_solve_banded  # slow to import
 
     size, n = state.shape[1], p + len(own)
-    information = information_on_states(kinds.values(), len(state), size)
-    factors = cholesky_banded(information, overwrite_ab=True, check_finite=False)
+    factors = factored(lambda: information_on_states(kinds.values(), len(state), size))
     numbers_block, half = eliminated(kinds.values(), factors, n + 1 + probes)
     least = float(numbers_block[n, n])
     numbers_block = numbers_block[:n]
