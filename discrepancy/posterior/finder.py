@@ -276,12 +276,13 @@ class _Search:
     def with_events(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where contacts slip at certain times or places, or an encoder that is
         late or loses counts makes it seem so; None if nothing does."""
-        found, before = self.found, len(self.events.faulty)
+        found, before = self.found, self.events.faulty
         extended = self.events.extended(found, self.logs, self.seen, self.good, self.answers, self.names)
         if extended is None:
             return None
         released = extended.released(found, self.logs, self.seen)
-        instead = [*late_encoders(self.robot, self.logs, self.seen, extended.faulty[before:]), *self.lossy_encoders()]
+        new = [fault for fault in extended.faulty if all(fault is not known for known in before)]
+        instead = [*late_encoders(self.robot, self.logs, self.seen, new), *self.lossy_encoders()]
         if instead and (better := self.likelier(instead)):
             slipping = self.linearised(found, released=released, start=self.seen, among=())
             if better[1].log_evidence > slipping.log_evidence:

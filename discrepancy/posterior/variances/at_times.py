@@ -53,6 +53,15 @@ class Faulty(NamedTuple):
         """For each log the windows (W,) in which the fault is likelier active than not."""
         return tuple(probability > 0.5 for probability in self.active)
 
+    def together(self, later: "Faulty") -> "Faulty":
+        """Return this fault with windows that were found to be of the same row beside it."""
+        by_log = zip(self.slips, later.slips, self.hits, strict=True)
+        return self._replace(
+            active=tuple(np.maximum(one, other) for one, other in zip(self.active, later.active, strict=True)),
+            slips=tuple(np.where(hit, one, other) for one, other, hit in by_log),
+            log_odds=self.log_odds + later.log_odds,
+        )
+
 
 def at_times(
     logs: Sequence[Log],

@@ -48,8 +48,12 @@ class Events:
             patch = slippery.slippery_in(robot, logs, seen, names)
             if patch is not None:
                 return replace(self, patch=patch, looked=True)
-        new = at_times.at_times(logs, seen, clean, answers, names, [fault.row for fault in self.faulty])
-        return replace(self, faulty=(*self.faulty, *new), looked=True) if new else None
+        faulty = {fault.row: fault for fault in self.faulty}
+        new = at_times.at_times(logs, seen, clean, answers, names, faulty)
+        for fault in new:
+            known = faulty.get(fault.row)
+            faulty[fault.row] = fault if known is None else known.together(fault)
+        return replace(self, faulty=tuple(faulty.values()), looked=True) if new else None
 
     def released(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> Released:
         """Return the steps in which contacts may slip freely."""

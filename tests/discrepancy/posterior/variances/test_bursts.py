@@ -178,6 +178,24 @@ def test_held_out_logs_without_losses_do_not_confirm_them():
     assert sure.verdict == "named", sure.reason
 
 
+def test_windows_that_are_found_later_are_of_the_same_fault():
+    """Told as two, a robot would lose twice the counts in its bursts."""
+    robot, effect = preset("swerve"), TickLossBursts(castor=2, wheel=1, value=0.2, period=4.0, width=0.4, start=1.0)
+    log = driven(3, effect)
+    seen = linearise(robot, [log], among=())
+    (whole,) = at_times([log], seen, None, [], 100)
+    (active,), (slips,) = whole.active, whole.slips
+    half = np.arange(len(active)) < len(active) / 2
+    known = whole._replace(active=(half * active,), slips=(half * slips,))
+    found = Events((known,), looked=True).extended(robot, [log], seen, None, [], 100)
+    assert found is not None
+    (fault,) = found.faulty
+    assert np.all(fault.hits[0] == whole.hits[0])
+    assert fault.slips[0] == pytest.approx(slips)
+    (answer,) = found.answers(robot, [log], seen, [5.0], ())
+    assert answer.amplitudes == pytest.approx([0.2], rel=0.05)
+
+
 def test_what_lasts_most_of_the_time_is_no_burst():
     """Each burst is long, so that a wheel loses counts nearly all the time."""
     log = read(less(0, 0.2 * when(np.arange(1.0, 60.0, 8.0), 6.0)))
