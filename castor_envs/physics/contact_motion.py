@@ -179,7 +179,7 @@ def evened(slipping: Array, speed: Array, period: Array, length: float) -> Array
     held = np.pad(2.0 * length**2 / (rolled[1:] + rolled[:-1]), ((1, 1), (0, 0)))
     for row in range(slipping.shape[1]):
         bands = np.stack([-held[:-1, row], rolled[:, row] + held[:-1, row] + held[1:, row]])
-        average[:, row] = solveh_banded(bands, slipped[:, row])
+        average[:, row] = solveh_banded(bands, slipped[:, row], check_finite=False)
     return average * speed
 
 

@@ -227,6 +227,6 @@ def _nearer(
 def fit_with(vehicle: Any, look: Look[S], effects: Effects, seen: S) -> S | None:
     """Return the statistics beside these effects, of their candidates only; None if they do not fit at all."""
     if possible(vehicle, effects):
-        with suppress(np.linalg.LinAlgError, InputError):
+        with suppress(np.linalg.LinAlgError, InputError), np.errstate(over="ignore", invalid="ignore"):
             return look(effects, seen, [effect.candidate for effect in effects])
     return None
