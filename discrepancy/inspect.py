@@ -77,14 +77,16 @@ def _channels(robot: RobotDescription, log: Log) -> list[dict[str, Any]]:
     """
     columns, channels = LogColumns.of(robot), []
     moves = np.diff(np.column_stack([log.wheel, log.pivot]), axis=0) != 0
-    stands = iter(_still(log.t, ~moves[:, k], moves.any(axis=1)) for k in range(moves.shape[1]))
-    for name, counts, steps, limit in wheel_steps(robot, log):
+    still = [_still(log.t, ~changes, moves.any(axis=1)) for changes in moves.T]
+    wheels = log.wheel.shape[1]
+    for (name, counts, steps, limit), stands in zip(wheel_steps(robot, log), still[:wheels], strict=True):
         at_most = float(limit[np.argmax(np.abs(steps))])
-        channels.append(_channel(name, "counts", counts, np.abs(steps), at_most, next(stands)))
-    for name, i, counts in zip(columns.pivot, robot.pivot_encoders, log.pivot.T, strict=True):
+        channels.append(_channel(name, "counts", counts, np.abs(steps), at_most, stands))
+    pivots = zip(columns.pivot, robot.pivot_encoders, log.pivot.T, still[wheels:], strict=True)
+    for name, i, counts, stands in pivots:
         turn, steps = robot.castors[i].pivot_counts_per_rev or np.nan, np.diff(counts)
         shorter = np.abs(steps - turn * np.round(steps / turn))
-        channels.append(_channel(name, "counts", counts, shorter, still=next(stands)))
+        channels.append(_channel(name, "counts", counts, shorter, still=stands))
     if log.gyro is not None:
         channels.append(_channel(columns.gyro[0], "rad/s", log.gyro, np.abs(np.diff(log.gyro))))
     return channels

@@ -36,8 +36,9 @@ ROUNDS, CONVERGED = 20, 1e-3
 """Iterations for the yields of sliding contacts: their largest number, and the relative change that ends them."""
 
 EVENED = 0.15
-"""Part of a relaxation length over which slip is averaged. Over half of it, slip of contacts that slide is off by 2 %
-after a second; over a twentieth, fits of robots that stop and go do not settle."""
+"""Part of a relaxation length over which slip is averaged. Over half of it, slip of contacts that slide is off by up to
+2.4 % (`pytest tests/castor_envs/effects/test_slip.py -k slides`); over a twentieth, fits of robots that stop and go do
+not settle."""
 
 STANDING = 1e-6
 """m/s: rolling speed of a robot at rest, to divide by."""

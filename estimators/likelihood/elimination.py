@@ -1,6 +1,7 @@
 """Elimination of a log's states from its normal equations, which are banded: each step ties two samples only."""
 
 from collections.abc import Callable, Collection
+from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,9 @@ BLOCK, LARGE = 256, 1024
 
 FEW = 64
 """Most columns of which `LARGE` blocks are made."""
+
+ROUNDING = 1e-14
+"""Part of an information matrix's diagonal that counts as rounding: fifty times the spacing of double precision."""
 
 
 class Prior(NamedTuple):
@@ -125,11 +129,24 @@ def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> A
     return band.reshape(samples * size, 2 * size).T
 
 
-def log_determinant(information: Array) -> float:
-    """Return the logarithm of the determinant of the information on states, in upper banded form; it is overwritten."""
+def factored(information: Callable[[], Array]) -> Array:
+    """Return the banded Cholesky factor of an information matrix, upper form, which may be overwritten.
+
+    Along a log whose slips are almost certain, and of which no pose is measured, rounding may take all that is known of
+    a state: then the matrix is larger by `ROUNDING`. Raises LinAlgError for a matrix that is not positive definite.
+    """
     from scipy.linalg import cholesky_banded  # slow to import
 
-    return 2 * float(np.sum(np.log(cholesky_banded(information, overwrite_ab=True, check_finite=False)[-1])))
+    with suppress(np.linalg.LinAlgError):
+        return np.asarray(cholesky_banded(information(), overwrite_ab=True, check_finite=False), dtype=np.float64)
+    larger = information()
+    larger[-1] *= 1.0 + ROUNDING
+    return np.asarray(cholesky_banded(larger, overwrite_ab=True, check_finite=False), dtype=np.float64)
+
+
+def log_determinant(information: Callable[[], Array]) -> float:
+    """Return the logarithm of the determinant of an information matrix; see `factored`."""
+    return 2 * float(np.sum(np.log(factored(information)[-1])))
 
 
 def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> tuple[Array, Array | None]:

@@ -389,13 +389,16 @@ class LogLikelihood(RollingConstraints):
             none, of_gyro = np.zeros(0), len(self._gyro.prior.deviation)
             return information(self._poses.rows(state, clock, mount, weights, values, none, none, of_gyro).values())
 
-        def log_volume(information: Array) -> float:
+        def log_volume(information: Callable[[], Array]) -> float:
             return -log_determinant(information) / 2
 
         def of_geometry(geometry: Geometry) -> float:
             slipping = self._whitening(geometry, state, noise)
-            volume = self._log_volume(geometry, state) + log_volume(of_slips(geometry, slipping) + others)
+            volume = self._log_volume(geometry, state) + log_volume(lambda: of_slips(geometry, slipping) + others)
             return volume + slipping.log_density() - float(np.sum((slipping.weight * slips) ** 2)) / 2
+
+        def of_mount(mount: Array) -> float:
+            return log_volume(lambda: beside_poses + of_poses(mount))
 
         first = self._whitening(geometry, state, noise)
         residual = self.residuals(geometry, state)
@@ -405,9 +408,9 @@ class LogLikelihood(RollingConstraints):
         kinds = self._linearised(geometry, geometry, np.zeros(0), state, clock, mount, weights, values, first, None)
         of_sensors = information([kinds[name] for name in kinds if name in ("first", "counts", "gyro")])
         others, beside_poses = of_sensors + of_poses(mount), of_sensors + of_slips(geometry, first)
-        at_first, at_mount = of_geometry(geometry), log_volume(beside_poses + of_poses(mount))
+        at_first, at_mount = of_geometry(geometry), of_mount(mount)
         by_geometry = np.array([of_geometry(larger) - at_first for larger in changed]) / change
-        by_mount = [log_volume(beside_poses + of_poses(moved)) - at_mount for moved in mount + MOVED * np.eye(3)]
+        by_mount = [of_mount(moved) - at_mount for moved in mount + MOVED * np.eye(3)]
         return by_geometry, np.array(by_mount) / MOVED
 
     def _of_play(self, variances: Callable[[], Array]) -> float:

@@ -1,7 +1,6 @@
 """Statistics of parameters in one log: its equations with states, and numbers of the log alone, eliminated."""
 
 from collections.abc import Callable
-from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
@@ -14,13 +13,11 @@ from estimators.likelihood.elimination import (
     Rows,
     blocks,
     eliminated,
+    factored,
     information_on_states,
     solved,
     variances,
 )
-
-ROUNDING = 1e-14
-"""Part of an information matrix's diagonal that counts as rounding: fifty times the spacing of double precision."""
 
 Fields = Callable[[str, Array, slice], list[tuple[str, Array]]]
 """From a kind of equations, residuals of some of them (k, rows, c), and which: residuals by the fields of `Noise`."""
@@ -53,21 +50,6 @@ class Reduced(NamedTuple):
     squares: Callable[[Geometry, Array, Array, Array], float]
     at_state: float
     variances: Callable[[], Array]
-
-
-def factored(information: Callable[[], Array]) -> Array:
-    """Return the banded Cholesky factor of an information matrix, upper form, which may be overwritten.
-
-    Along a log whose slips are almost certain, and of which no pose is measured, rounding may take all that is known of
-    a state: then the matrix is larger by `ROUNDING`. Raises LinAlgError for a matrix that is not positive definite.
-    """
-    from scipy.linalg import cholesky_banded  # slow to import
-
-    with suppress(np.linalg.LinAlgError):
-        return np.asarray(cholesky_banded(information(), overwrite_ab=True, check_finite=False), dtype=np.float64)
-    larger = information()
-    larger[-1] *= 1.0 + ROUNDING
-    return np.asarray(cholesky_banded(larger, overwrite_ab=True, check_finite=False), dtype=np.float64)
 
 
 def reduced(

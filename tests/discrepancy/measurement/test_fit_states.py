@@ -82,8 +82,8 @@ def test_a_large_effect_in_the_model_leaves_no_slip():
 
 @pytest.mark.parametrize(("name", "effects"), [("asoc-full-scale", ()), ("asoc-prototype", (STRANGE,))])
 def test_creep_settles_however_little_wheels_roll(name, effects, monkeypatch):
-    """At stops noise of the state once passed for wheels that disagree, at forces beyond friction: a fit took all
-    rounds, and its log evidence hung on where it began."""
+    """At stops noise of the state once passed for wheels that disagree, at forces beyond friction: a fit to the first
+    log took all rounds."""
     rounds = []
     follow = fit_states.fitted
     monkeypatch.setattr(fit_states, "fitted", lambda *args, **known: rounds.append(0) or follow(*args, **known))
