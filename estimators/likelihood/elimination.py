@@ -129,24 +129,26 @@ def information_on_states(kinds: Collection[Rows], samples: int, size: int) -> A
     return band.reshape(samples * size, 2 * size).T
 
 
-def factored(information: Callable[[], Array]) -> Array:
+def factored(information: Callable[[], Array], rounded: bool = False) -> Array:
     """Return the banded Cholesky factor of an information matrix, upper form, which may be overwritten.
 
-    Along a log whose slips are almost certain, and of which no pose is measured, rounding may take all that is known of
-    a state: then the matrix is larger by `ROUNDING`. Raises LinAlgError for a matrix that is not positive definite.
+    rounded: rounding may have taken all that is known of a state, as along a log whose slips are almost certain and of
+    which no pose is measured; such a matrix is made larger by `ROUNDING`. Where poses are measured, it tells of a fit
+    that diverged. Raises LinAlgError for a matrix that is not positive definite.
     """
     from scipy.linalg import cholesky_banded  # slow to import
 
-    with suppress(np.linalg.LinAlgError):
-        return np.asarray(cholesky_banded(information(), overwrite_ab=True, check_finite=False), dtype=np.float64)
-    larger = information()
-    larger[-1] *= 1.0 + ROUNDING
-    return np.asarray(cholesky_banded(larger, overwrite_ab=True, check_finite=False), dtype=np.float64)
+    if rounded:
+        with suppress(np.linalg.LinAlgError):
+            return factored(information)
+    matrix = information()
+    matrix[-1] *= 1.0 + ROUNDING * rounded
+    return np.asarray(cholesky_banded(matrix, overwrite_ab=True, check_finite=False), dtype=np.float64)
 
 
-def log_determinant(information: Callable[[], Array]) -> float:
+def log_determinant(information: Callable[[], Array], rounded: bool = False) -> float:
     """Return the logarithm of the determinant of an information matrix; see `factored`."""
-    return 2 * float(np.sum(np.log(factored(information)[-1])))
+    return 2 * float(np.sum(np.log(factored(information, rounded)[-1])))
 
 
 def eliminated(kinds: Collection[Rows], factors: Array, columns: int) -> tuple[Array, Array | None]:

@@ -390,7 +390,7 @@ class LogLikelihood(RollingConstraints):
             return information(self._poses.rows(state, clock, mount, weights, values, none, none, of_gyro).values())
 
         def log_volume(information: Callable[[], Array]) -> float:
-            return -log_determinant(information) / 2
+            return -log_determinant(information, rounded="position" not in weights) / 2
 
         def of_geometry(geometry: Geometry) -> float:
             slipping = self._whitening(geometry, state, noise)

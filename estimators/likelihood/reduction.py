@@ -71,7 +71,7 @@ def reduced(
     from scipy.linalg import cho_solve_banded  # slow to import
 
     size, n = state.shape[1], p + len(own)
-    factors = factored(lambda: information_on_states(kinds.values(), len(state), size))
+    factors = factored(lambda: information_on_states(kinds.values(), len(state), size), rounded="position" not in kinds)
     numbers_block, half = eliminated(kinds.values(), factors, n + 1 + probes)
     least = float(numbers_block[n, n])
     numbers_block = numbers_block[:n]

@@ -36,7 +36,7 @@ def chain(weight):
 @pytest.mark.parametrize("weight", [1e4, 1e16])
 def test_what_rounding_takes_from_a_chain_is_given_back(weight):
     """With 1e16 nothing of the first position's information is left at the other end in double precision."""
-    factor = elimination.factored(lambda: chain(weight))
+    factor = elimination.factored(lambda: chain(weight), rounded=True)
     pulled = np.zeros(2000)
     pulled[0] = 1.0
     moved = cho_solve_banded((factor, False), pulled)
@@ -45,8 +45,15 @@ def test_what_rounding_takes_from_a_chain_is_given_back(weight):
     assert np.all(np.isfinite(moved))
 
 
-def test_what_is_no_information_has_no_factor():
+@pytest.mark.parametrize("rounded", [False, True])
+def test_what_is_no_information_has_no_factor(rounded):
     information = chain(1.0)
     information[1, 1000] = -1.0
     with pytest.raises(np.linalg.LinAlgError):
-        elimination.factored(information.copy)
+        elimination.factored(information.copy, rounded)
+
+
+def test_where_poses_are_measured_rounding_does_not_take_information():
+    """A fit that diverged had the log evidence of rounding, exp(299807) times as likely, and was named."""
+    with pytest.raises(np.linalg.LinAlgError):
+        elimination.factored(lambda: chain(1e16))
