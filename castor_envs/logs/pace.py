@@ -7,7 +7,14 @@ import numpy as np
 from castor_envs.geometry.arrays import Array
 from castor_envs.logs.recordings.recording import UNITS, TimeUnit
 
-NAMES: dict[TimeUnit, str] = {"ms": "milliseconds", "us": "microseconds", "ns": "nanoseconds", "d": "days"}
+NAMES: dict[TimeUnit, str] = {
+    "ms": "milliseconds",
+    "us": "microseconds",
+    "ns": "nanoseconds",
+    "min": "minutes",
+    "h": "hours",
+    "d": "days",
+}
 """Units of time that a log may be in by mistake, in words."""
 
 UNIT_OFF, MOST_OFF = 5.0, 1e3

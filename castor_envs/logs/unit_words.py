@@ -15,5 +15,6 @@ TIMES = {
     "us": {"us", "µs", "μs", "usec", "usecs", "micros", "microsec", "microsecs", "microseconds"},
     "ms": {"ms", "msec", "msecs", "millis", "millisec", "millisecs", "milliseconds"},
     "s": {"s", "sec", "secs", "seconds"},
+    "min": {"min", "mins", "minutes"},
 }
 """Words that say a unit of time; the micro sign and the Greek letter are two characters."""

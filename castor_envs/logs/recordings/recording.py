@@ -9,8 +9,8 @@ from typing import Literal, NamedTuple, Protocol
 
 from castor_envs.errors import InputError
 
-TimeUnit = Literal["s", "ms", "us", "ns", "d"]
-UNITS: dict[TimeUnit, float] = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "d": 86_400e9}
+TimeUnit = Literal["s", "ms", "us", "ns", "min", "h", "d"]
+UNITS: dict[TimeUnit, float] = {"s": 1e9, "ms": 1e6, "us": 1e3, "ns": 1.0, "min": 60e9, "h": 3600e9, "d": 86_400e9}
 """ns in units of time."""
 
 

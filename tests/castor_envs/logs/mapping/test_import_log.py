@@ -313,7 +313,9 @@ def test_a_map_that_names_no_clock_takes_that_of_the_survey(tmp_path, bag_writer
         imported(untimed, "left", "right")
 
 
-@pytest.mark.parametrize(("unit", "second"), [(None, 1e3), ("s", 1.0), ("ms", 1e3), ("us", 1e6)])
+@pytest.mark.parametrize(
+    ("unit", "second"), [(None, 1e3), ("s", 1.0), ("ms", 1e3), ("us", 1e6), ("min", 1 / 60), ("h", 1 / 3600)]
+)
 def test_a_unit_is_obeyed_where_the_clock_is_left_to_the_recording(tmp_path, unit, second):
     """A column that says ms, which is what counts where the map has no unit."""
     path = table(tmp_path / "run.csv", stamp_ms=second * T, left=ANGLE, right=ANGLE)
@@ -474,7 +476,10 @@ def test_a_wrong_map_is_refused_by_its_place(tmp_path, change, words):
         ({"format": "castor-map/1", "columns": {"wheel_1l": {"channel": "a"}}}, ["columns.wheel_1l.unit", "required"]),
         ({"format": "castor-map/1", "columns": {"a": {"channel": "a", "unit": "rad", "sgn": 1}}}, ["sgn", "not known"]),
         ({"format": "castor-map/1", "columns": {"a": {"channel": "a", "unit": "rad", "sign": 2}}}, ["a.sign"]),
-        ({"format": "castor-map/1", "columns": {}, "sources": {"main": {"unit": "h"}}}, ["sources.main.unit", "'h'"]),
+        (
+            {"format": "castor-map/1", "columns": {}, "sources": {"main": {"unit": "week"}}},
+            ["sources.main.unit", "'week'"],
+        ),
         *(
             (
                 {"format": "castor-map/1", "columns": {}, "sources": {"main": {"period": given}}},

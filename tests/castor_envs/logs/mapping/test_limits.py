@@ -138,6 +138,7 @@ def test_a_pivots_reset_and_wrong_reading_are_said_and_where_it_wraps(tmp_path):
         ("clock", 20, "s", "is the time 'clock' in ms, not in s? mend"),
         ("clock", 0.02, "ms", "is the time 'clock' in s, not in ms? mend"),
         ("t_ns", 2e7, "us", "is the time 't_ns' in ns, as its name says, not in us? mend"),
+        ("clock", 0.02 / 60, "s", "is the time 'clock' in min, not in s? mend"),
         ("clock", 0.1, "s", "mend that"),
         ("clock", 20, "ms", None),
     ],

@@ -277,6 +277,7 @@ def test_times_are_found_by_their_names_and_units_and_else_as_what_alone_increas
         *((name, "s") for name in ("Time (s)", "secs", "t / s", "elapsed_sec", "elapsedSeconds", "unix_time [s]")),
         *((name, "us") for name in ("TimeUS", "usec", "time_usec", "TIME_MICROSECONDS")),
         *((name, "ns") for name in ("timestamp_ns", "nsecs", "stamp-ns")),
+        *((name, "min") for name in ("Time (min)", "t_min", "elapsedMinutes")),
         *((name, None) for name in ("stamp", "#time", "elapsed", "elapsedTime", "__time", "/clock/time", "ts", "t")),
     ],
 )
