@@ -2,12 +2,15 @@
 
 A task is given by its name, one of a file of others by its spec where that is known. robot: what named the robot of
 tasks on another one; where that is not known, a label that is a preset of the same robot, else a file of that name.
-specs: of estimators or methods by name, each as in `place_note`.
+Tasks on measured data need the folder `DIR` that holds them. specs: of estimators or methods by name, each as in
+`place_note`.
 """
 
 import shlex
 from collections.abc import Mapping
+from functools import cache
 
+from benchmarks.tasks import official_tasks
 from benchmarks.tasks.other_robots import OtherRobot, TaskName
 from castor_envs.errors import InputError
 from castor_envs.vehicles.presets import preset_names
@@ -53,8 +56,14 @@ def _task(name: str, robot: str | None = None) -> list[str]:
     if source is not None:
         return ["--task", f"{official}.py"]
     if on is None:
-        return ["--task", official]
+        return ["--task", official, *(["--measured", "DIR"] if official in _measured() else [])]
     return ["--task", official, "--robot", robot or _robot(on)]
+
+
+@cache
+def _measured() -> frozenset[str]:
+    """Return the names of the tasks on measured data."""
+    return frozenset(task.name for task in official_tasks() if task.missing is not None)
 
 
 def _robot(key: str) -> str:

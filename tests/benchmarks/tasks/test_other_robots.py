@@ -172,6 +172,23 @@ def test_pages_name_a_robot_so_that_commands_find_it(tmp_path, monkeypatch):
             assert task_on(words[words.index("--robot") + 1], name).name == board
 
 
+@pytest.mark.parametrize(
+    ("name", "option"),
+    [
+        ("umbmark-measured-nominal", ["--measured", "DIR"]),
+        ("measured-raw-omni-nominal", ["--measured", "DIR"]),
+        ("umbmark-physics-clean", []),
+    ],
+)
+def test_pages_say_that_a_task_needs_measured_data(name, option):
+    for line in (run_command(name, "filter"), show_command(name, 0, {"filter": None})):
+        words = shlex.split(line)
+        at = words.index("--task")
+        assert words[at + 1] == name
+        assert words[at + 2 : at + 2 + len(option)] == option
+        assert ("--measured" in words) == bool(option)
+
+
 def test_rows_on_another_robot_are_on_no_official_board(tmp_path, files):
     robots = [OtherRobot.load(path) for path in files]
     name = "umbmark-physics-clean"
