@@ -6,6 +6,7 @@ import shlex
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -90,6 +91,8 @@ def _import_mapped(source: Path, robot: str, channel_map: Path, out: Path) -> No
     poses = f"{0 if tracked is None else len(tracked.t)} reference poses"
     headless = tracked is not None and bool(np.isnan(tracked.pose[:, 2]).all())
     print(f"{out}: {len(log)} rows in {log.t[-1]:.1f} s, {poses}{', positions without headings' if headless else ''}")
+    if begin := Decimal(round(imported.begin, -3)).scaleb(-9):  # to us, as doubles have times since 1970
+        print(f"its t 0 is {begin.normalize():f} s of the recording")
     for note in imported.notes:
         print(f"note: {note}")
     print(f"next: {shlex.join(['castor-diagnose', 'inspect', str(out), '--robot', robot])}")

@@ -195,6 +195,23 @@ def test_a_recording_is_shown_and_a_map_is_made_then_a_log(tmp_path, capsys, mon
     assert log.wheel[:, 1].tolist() == [12 * k for k in range(50)]
 
 
+@pytest.mark.parametrize(
+    ("first", "said"),
+    [(first, [f"its t 0 is {first} s of the recording"]) for first in (1715680000.25, -30, 0.5)] + [(0, [])],
+)
+def test_the_time_at_which_a_log_begins_is_said(tmp_path, capsys, monkeypatch, first, said):
+    """Reference poses may come earlier."""
+    monkeypatch.chdir(tmp_path)
+    rows = [f"{first + 0.02 * k:.2f},{10 * k},{12 * k},," for k in range(50)]
+    rows.insert(0, f"{first - 1:.2f},,,0,0")
+    Path("run.csv").write_text("\n".join(["time_s,left_ticks,right_ticks,x,y", *rows]) + "\n")
+    assert call(capsys, "import", "run.csv", "--robot", "differential")[0] == 0
+    code, printed, _ = call(capsys, "import", "run.csv", "--robot", "differential", "--map", "map.json")
+    assert code == 0
+    assert read_log("log.csv", preset("differential")).t[0] == 0
+    assert [line for line in printed.splitlines() if "t 0 is" in line] == said
+
+
 def test_commands_that_are_printed_can_be_typed_whatever_files_are_called(tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("my run.csv").write_text("t,left_ticks,right_ticks\n0,0,0\n1,1,1\n2,2,2\n")

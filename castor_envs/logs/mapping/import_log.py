@@ -20,7 +20,7 @@ from castor_envs.logs.mapping.series import Track, in_order, row_times
 from castor_envs.logs.mapping.units import GYRO_ANGLES, LENGTHS, counts_in, kind_of, radians_in
 from castor_envs.logs.pose_rows import with_reference
 from castor_envs.logs.recordings import open_recording
-from castor_envs.logs.recordings.recording import Clock, Recording, Series, heading_of, survey
+from castor_envs.logs.recordings.recording import UNITS, Clock, Recording, Series, heading_of, survey
 from castor_envs.logs.reference import FARTHEST, GAP, TimedPoses
 from castor_envs.vehicles.robot import RobotDescription
 
@@ -35,11 +35,13 @@ FASTEST_HEADING = 30.0
 
 
 class Imported(NamedTuple):
-    """What an import gives: the log, the reference at its own times (None without one), and what to look at."""
+    """What an import gives: the log, the reference at its own times (None without one), what to look at, and the time
+    of the recording at which the log begins, ns."""
 
     log: Log
     tracked: TimedPoses | None
     notes: tuple[str, ...]
+    begin: int
 
 
 def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: ChannelMap, name: str = "map") -> Imported:
@@ -50,17 +52,19 @@ def import_log(source: str | os.PathLike[str], robot: RobotDescription, by: Chan
     """
     by.check(robot, name)
     columns, notes = LogColumns.of(robot), list[str]()
-    log, tracked = _log_of(robot, columns, by, _tracks(Path(source), columns, by, name, notes), notes)
+    begin, tracks = _tracks(Path(source), columns, by, name, notes)
+    first, log, tracked = _log_of(robot, columns, by, tracks, notes)
     if tracked is not None:
         read = with_reference(log, tracked, robot)
         notes += [*_reference_notes(log, tracked, len(read) - len(log)), *agreement_notes(robot, read)]
-    return Imported(log, tracked, (*notes, *limit_notes(robot, by, log)))
+    return Imported(log, tracked, (*notes, *limit_notes(robot, by, log)), begin + round(first * UNITS["s"]))
 
 
 def _log_of(
     robot: RobotDescription, columns: LogColumns, by: ChannelMap, tracks: Mapping[str, Track], notes: list[str]
-) -> tuple[Log, TimedPoses | None]:
-    """Return the log of all columns' tracks, its times from 0 on, and the reference; what is left out is noted."""
+) -> tuple[float, Log, TimedPoses | None]:
+    """Return the time of the first row, the log of all columns' tracks, its times from 0 on, and the reference; what is
+    left out is noted."""
     counts = _counts(robot, columns, by, tracks)
     t = _rows(counts, tracks.get("gyro_z"), notes)
     part = {key: track.at(t) for key, track in counts.items()}
@@ -79,23 +83,26 @@ def _log_of(
         fix_age=age,
     )
     if tracked is None:
-        return log, None
+        return float(t[0]), log, None
     tracked = TimedPoses(tracked.t - t[0], tracked.pose)
-    return replace(log, reference=tracked.at(log.t)), tracked
+    return float(t[0]), replace(log, reference=tracked.at(log.t)), tracked
 
 
 def _stacked(columns: list[Array], t: Array) -> Array:
     return np.column_stack(columns) if columns else np.empty((len(t), 0))
 
 
-def _tracks(source: Path, columns: LogColumns, by: ChannelMap, name: str, notes: list[str]) -> dict[str, Track]:
-    """Return the readings of each column, s since the first count; which are left out or put in order is noted."""
+def _tracks(
+    source: Path, columns: LogColumns, by: ChannelMap, name: str, notes: list[str]
+) -> tuple[int, dict[str, Track]]:
+    """Return the time of the first count, ns, and the readings of each column, s since then; which are left out or put
+    in order is noted."""
     readings = _readings(source, by, name, notes)
     begin = min(readings[key][0].time[0] for key in (*columns.wheel, *columns.pivot))
     said: dict[tuple[str, str], list[str]] = {}
     tracks = {key: _track(f"{name}: columns.{key}", by, key, readings.pop(key), begin, said) for key in by.columns}
     notes += [f"{_together(keys)}: {what}" for (_, what), keys in said.items()]
-    return tracks
+    return begin, tracks
 
 
 def _together(keys: list[str]) -> str:

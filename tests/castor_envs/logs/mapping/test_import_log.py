@@ -231,7 +231,7 @@ def test_positions_far_from_their_origin_begin_near_it_and_what_is_subtracted_is
     units = (("x", "east", "m"), ("y", "north", "m"), ("psi", "yaw", "rad"))
     reference = {f"ref_{part}": {"channel": channel, "unit": unit} for part, channel, unit in units}
     fix = {f"fix_{part}": {"channel": channel, "unit": unit} for part, channel, unit in units} if with_fixes else {}
-    log, tracked, notes = import_log(source, ROBOT, mapped(WHEELS | reference | fix))
+    log, tracked, notes, _ = import_log(source, ROBOT, mapped(WHEELS | reference | fix))
     assert tracked is not None
     for poses in (tracked.pose, log.reference, log.fix if with_fixes else tracked.pose):
         assert poses is not None
@@ -246,7 +246,7 @@ def test_millimetres_taken_for_metres_have_no_origin_to_be_subtracted(tmp_path):
     place = {"east": 1000 * T - 500.0, "north": 0 * T}
     source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, **place)
     reference = {f"ref_{part}": {"channel": channel, "unit": "m"} for part, channel in (("x", "east"), ("y", "north"))}
-    log, _, notes = import_log(source, ROBOT, mapped(WHEELS | reference))
+    log, _, notes, _ = import_log(source, ROBOT, mapped(WHEELS | reference))
     assert log.reference is not None
     np.testing.assert_allclose(log.reference[:, 0], place["east"], atol=1e-9)
     assert notes[0].startswith("ref_x: the reference goes 2e+03 m in all, wheels roll ")
@@ -256,7 +256,7 @@ def test_millimetres_taken_for_metres_have_no_origin_to_be_subtracted(tmp_path):
 def test_a_reference_needs_no_heading(tmp_path):
     source = table(tmp_path / "run.csv", t=T, wheel_1l=ANGLE, wheel_1r=ANGLE, x=T, y=-T)
     reference = {f"ref_{part}": {"channel": part, "unit": "cm"} for part in ("x", "y")}
-    log, tracked, notes = import_log(source, ROBOT, mapped(WHEELS | reference))
+    log, tracked, notes, _ = import_log(source, ROBOT, mapped(WHEELS | reference))
     assert log.reference is not None
     np.testing.assert_allclose(log.reference, np.column_stack([T / 100, -T / 100, np.nan * T]), atol=1e-12)
     write_log(tmp_path / "log.csv", log, ROBOT, tracked)
@@ -555,7 +555,7 @@ def test_messages_that_come_late_are_read_in_the_order_of_their_stamps(tmp_path,
         key: {"channel": f"/joints position[{side}]", "unit": unit}
         for key, side in zip(WHEELS, ("left", "right"), strict=True)
     }
-    log, _, notes = import_log(tmp_path / "bag", ROBOT, mapped(named, main={"time": "header"}))
+    log, _, notes, _ = import_log(tmp_path / "bag", ROBOT, mapped(named, main={"time": "header"}))
     np.testing.assert_allclose(log.t, np.delete(T, 70), atol=1e-6)
     np.testing.assert_allclose(log.wheel[:, 0], np.delete(ANGLE, 70) * PER_RADIAN, atol=1e-6)
     columns = "2 columns (wheel_1l, wheel_1r)"
