@@ -8,6 +8,7 @@ that follows from it (`verdicts`).
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
+from operator import itemgetter
 from typing import Any, Generic
 
 import numpy as np
@@ -24,6 +25,7 @@ from discrepancy.posterior.linearise import Linearised, linearise
 from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import (
+    BESIDE,
     MOST_SEARCHES,
     Asked,
     asked,
@@ -185,6 +187,7 @@ class _Search:
         looks = [
             self.with_one_loss,
             self.with_events_alone,
+            self.without_events,
             self.with_events,
             self.with_fault,
             self.with_lost_counts,
@@ -217,8 +220,28 @@ class _Search:
             if first.log_evidence <= without.log_evidence + LOG_ODDS:  # none of them would be named
                 first, self.begin = without, ()
         self.plain = self.plain.without_designs()
-        self.alone = None if self.begin else Alone.found(self.robot, self.logs, first, self.good, self.names)
-        return first
+        if self.begin:
+            return first
+        known = self.robot, self.logs, first, self.good, self.names
+        self.alone, sliding = Alone.found(*known), Alone.sliding(*known)
+        if sliding is None or not self._explained_by(sliding, first):
+            return first
+        self.events, self.alone = sliding.events, None
+        extended = Events().extended(*known[:4], (), self.names)
+        if extended is not None and extended.patch is not None:
+            self.events = extended
+        self.released = self.events.released(self.robot, self.logs, first)
+        return self.afresh()
+
+    def _explained_by(self, alone: Alone, first: Linearised) -> bool:
+        """Whether the logs are likelier with events beside no effect than with any of the `BESIDE` likeliest effects:
+        fits with these do not converge where contacts slide freely."""
+        least = self.linearised(self.robot, released=alone.released, start=first, among=()).log_evidence - LOG_ODDS
+        if least <= first.log_evidence:
+            return False
+        single = sorted((by_formula(one, first) for one in first.candidates if one.kinds), key=itemgetter(1))
+        fits = (fit_with(self.base, self.look, (effect,), first) for effect, _ in single[-BESIDE:])
+        return all(fit is None or fit.log_evidence < least for fit in fits)
 
     @property
     def found(self) -> RobotDescription:
@@ -281,7 +304,7 @@ class _Search:
         if extended is None:
             return None
         released = extended.released(found, self.logs, self.seen)
-        new = [fault for fault in extended.faulty if all(fault is not known for known in before)]
+        new = [fault for fault in extended.faulty if all(fault is not known for known in before) and fault.of_others]
         instead = [*late_encoders(self.robot, self.logs, self.seen, new), *self.lossy_encoders()]
         if instead and (better := self.likelier(instead)):
             slipping = self.linearised(found, released=released, start=self.seen, among=())
@@ -303,6 +326,17 @@ class _Search:
             return None
         self.events, self.released = alone.events, alone.released
         return ()
+
+    def without_events(self) -> Sequence[Sized] | None:
+        """Return the effects in the model, to begin anew with, where the logs are likelier with these alone than with
+        events beside them; None if they are not."""
+        if not len(self.events) or not self.named:
+            return None
+        alone = self.linearised(self.found, released=Released(), start=self.seen, among=())
+        if alone.log_evidence <= self.seen.log_evidence:
+            return None
+        self.events, self.released = replace(self.events, faulty=(), patch=None), Released()
+        return self.named
 
     def with_one_loss(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where an encoder in the model loses counts above another speed, or both

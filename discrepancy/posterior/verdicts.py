@@ -158,7 +158,7 @@ def _judgement(answer: Answer, held_out: "_Confirmation | None", material: Mater
         grows = gap_grows(held_out.without, held_out.with_named, material)
         if grows or (answer.confirmed is None and not held_out.better(material)):
             return "unconfirmed", f"held-out logs are not explained better with {description}"
-        if answer.probability < CREDIBLE:
+        if answer.probability < CREDIBLE and held_out.log_ratio_of_size(answer) < 0:
             return "unconfirmed", f"held-out logs show another size of {description}, so it is hardly constant"
     if answer.probability < CREDIBLE:
         return "unconfirmed", f"{description} is less than {CREDIBLE:.0%} certain"

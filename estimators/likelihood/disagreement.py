@@ -112,7 +112,7 @@ class Disagreement:
         short = max(round(QUICK / np.median(np.diff(t))), 1)
         parts = max(round(WINDOW / np.median(np.diff(t)) / short), 1)
         starts = np.arange(0, len(way), parts * short)
-        rolled = _rolled(way, starts)
+        rolled = way_of(way, starts)
         counted = ~np.logical_or.reduceat(released.any(axis=1), starts)
         along = model.rows < len(geometry.radius)
         turns = model.turned(geometry, state)
@@ -267,7 +267,7 @@ class _Quick:
         which all windows share (K - 1, rows, n); turns (K - 1, rows): angles by which motors turn contacts on the
         floor, rad; counted (W,): long windows that count."""
         starts = np.arange(0, len(way), short)
-        quick = cls(_rolled(way, starts), np.add.reduceat(way, starts), short, parts)
+        quick = cls(way_of(way, starts), np.add.reduceat(way, starts), short, parts)
         quick._seen = quick._differences(disagreement, slice(0, len(way)))
         counts = np.repeat(counted, parts)[: len(starts)]
         sizes = (_size(quick._seen[counts][:, rows], parts * LEAST) for rows in (along, ~along))
@@ -314,7 +314,7 @@ class _Quick:
         return (sums - np.repeat(whole, self._parts, axis=0)[: len(sums)] * way) / rolled
 
 
-def _rolled(way: Array, starts: NDArray[np.intp]) -> Array:
+def way_of(way: Array, starts: NDArray[np.intp]) -> Array:
     """Return the way (W,) in windows, m; at rest, where nothing says how far, a part of what is usual."""
     rolled = np.add.reduceat(way, starts)
     return np.hypot(rolled, np.median(rolled) / 4) + 1e-9

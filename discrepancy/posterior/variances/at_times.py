@@ -4,6 +4,9 @@ In good order the disagreement of a window has Student's t distribution, with wi
 some windows it comes from a fault, whose size is Cauchy distributed. When and why these windows occur is unknown, so
 this is an unnamed alternative, and no simulation can predict it.
 
+Where there is a reference, it tells each wheel's slip as well: a floor that is slippery at some places lets all wheels
+slide at the same time, which then hardly disagree, and of two wheels none can contradict the other.
+
 But if a wheel turns further than its encoder shows wherever it contradicts the others, counts were lost in bursts: any
 other cause would have either sign with the same probability in each window. A window in which the fault is likelier
 active than not counts by the probability that it is.
@@ -26,7 +29,8 @@ from discrepancy.posterior.answers import Answer, Cause
 from discrepancy.posterior.calibrated import FAULT, FREEDOM, LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.variances.bursts import bursts_of, losses, steady_box
-from estimators.likelihood.disagreement import LEAST_KEPT, Disagreement, of_row
+from estimators.likelihood.creep_prediction import UNEVEN
+from estimators.likelihood.disagreement import LEAST, LEAST_KEPT, MEDIAN, Disagreement, of_row, way_of
 
 PARTS = np.array([0.01, 0.02, 0.05, 0.1, 0.2, 0.4])
 """Parts of all windows in which the fault may be active."""
@@ -37,16 +41,18 @@ IN_LOG = 0.5
 
 class Faulty(NamedTuple):
     """A row of the constraints, a wheel's rolling or a castor's side slip, that contradicts the other rows
-    intermittently.
+    intermittently, or the reference.
 
     active: for each log the probability (W,) that it does so in a window; slips: for each log the slip (W,) in windows
-    where this is likely, as a part of the way. log_odds: log odds (natural logarithm) of the fault.
+    where this is likely, as a part of the way. log_odds: log odds (natural logarithm) of the fault. of_others:
+    whether the other rows tell it, and not the reference.
     """
 
     row: int
     active: tuple[Array, ...]
     slips: tuple[Array, ...]
     log_odds: float
+    of_others: bool = True
 
     @property
     def hits(self) -> tuple[NDArray[np.bool_], ...]:
@@ -100,6 +106,55 @@ def at_times(
     return found or _beating(logs, seen, names, known)
 
 
+def sliding(
+    logs: Sequence[Log], seen: Linearised, clean: Linearised | None, names: int, known: Collection[int] = ()
+) -> list[Faulty]:
+    """Return the rows of wheels that slip intermittently, as the reference tells, with probability `CREDIBLE`, beside
+    the effects in the model. names, known: see `at_times`."""
+    rows = seen.designs[0].model.rows
+    slipping = [_by_reference(seen, k, rows)[0] for k, log in enumerate(logs) if log.reference is not None]
+    if not slipping:
+        return []
+    good = [] if clean is None else [_by_reference(clean, k, rows)[0] for k in range(len(clean.slips))]
+    usual = np.max([np.zeros(len(rows)), *map(_log_factors, good)], axis=0)
+    log_odds = _in_some_logs([_log_factors(off) for off in slipping]) - usual + prior_log_odds(names)
+    likely = [row for row in np.argsort(-log_odds).tolist() if row not in known and log_odds[row] >= LOG_ODDS]
+    return [_sliding(logs, seen, row, float(log_odds[row])) for row in likely]
+
+
+def _sliding(logs: Sequence[Log], seen: Linearised, row: int, log_odds: float) -> Faulty:
+    """Return the windows of logs in which a wheel slips, as the reference tells; none of logs without one."""
+    active, slips = [], []
+    for k, log in enumerate(logs):
+        off, parts = _by_reference(seen, k, seen.designs[k].model.rows)
+        active.append(_active(off[:, row]) if log.reference is not None else np.zeros(len(off)))
+        slips.append(parts[:, row] * (active[-1] > 0.5))
+    return Faulty(row, tuple(active), tuple(slips), log_odds, of_others=False)
+
+
+def _by_reference(seen: Linearised, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return the slips (W, rows) of wheels in windows of log k beyond the predicted ones, in units of their usual size,
+    and as a part of the way; 0 of castors. Where much is predicted, more is usual."""
+    of, slips = seen.disagreements[k], _of_rows(np.nan_to_num(seen.slips[k]), rows)
+    starts = np.cumsum(of.steps) - of.steps
+    way = way_of(of.way, starts)[:, None]
+    parts = of.counted[:, None] * np.add.reduceat(slips, starts, axis=0) / way
+    size = np.median(np.abs(parts[of.counted]), axis=0) / MEDIAN if np.any(of.counted) else np.zeros(parts.shape[1])
+    usual = np.maximum(size, LEAST)
+    if seen.designs:
+        design = seen.designs[k]
+        predicted = design.model.residuals(design.geometry, design.state) - slips
+        usual = np.hypot(usual, UNEVEN * np.add.reduceat(predicted, starts, axis=0) / way)
+    return parts / usual, parts
+
+
+def _of_rows(of_wheels: Array, rows: NDArray[np.intp]) -> Array:
+    """Return what wheels (K - 1, w) do for each row of the constraints (K - 1, rows): 0 for castors."""
+    wheels = of_wheels.shape[1]
+    found: Array = (rows < wheels) * of_wheels[:, np.minimum(rows, wheels - 1)]
+    return found
+
+
 def steps_of(seen: Linearised, faulty: Sequence[Faulty]) -> list[NDArray[np.bool_]]:
     """Return the steps (K - 1, rows) of every log in which faulty rows contradict the other rows."""
     steps = []
@@ -115,7 +170,14 @@ def recurring(logs: Sequence[Log], seen: Linearised, faulty: Sequence[Faulty]) -
     """Return the windows of other logs in which the same rows contradict the rest, and the log Bayes factor of each
     fault in them."""
     disagreements, found, confirmed = _beside(seen, ()), [], []
+    rows = seen.designs[0].model.rows
+    slipping = [_by_reference(seen, k, rows)[0] for k, log in enumerate(logs) if log.reference is not None]
     for fault in faulty:
+        if not fault.of_others:
+            factor = _in_some_logs([_log_factors(off[:, [fault.row]]) for off in slipping])[0] if slipping else 0.0
+            confirmed.append(float(factor))
+            found.append(_sliding(logs, seen, fault.row, fault.log_odds))
+            continue
         active = tuple(_active(off[:, fault.row]) for off in disagreements)
         factor = float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row])
         beating = _beats(logs, seen, fault.row)
@@ -142,11 +204,12 @@ def answer_of(
     worst = int(np.argmax(np.abs(fault.slips[k])))
     row, w = int(seen.designs[k].model.rows[fault.row]), len(robot.wheels)
     place = f"wheel_{robot.wheel_names[row]}" if row < w else f"castor_{robot.wheel_castors[row - w] + 1}"
-    description = f"{place} contradicts the others at times, most at "
+    description = f"{place} contradicts the {'others' if fault.of_others else 'reference'} at times, most at "
     description += f"{seen.disagreements[k].t[worst]:.0f} s" + (f" of log {k + 1}" if len(logs) > 1 else "")
     by_log = zip(seen.disagreements, fault.slips, strict=True)
     cost = seen.cost_of_slips([disagreement.slips(fault.row, slips) for disagreement, slips in by_log])
-    bursts = None if place in unnamed else bursts_of(robot, logs, seen, fault.row, fault.active)
+    apart = place in unnamed or not fault.of_others
+    bursts = None if apart else bursts_of(robot, logs, seen, fault.row, fault.active)
     if bursts is None:
         return Answer.judged_apart(Candidate(description), probability, largest[k], 0.0, cost, confirmed)
     candidate, lost = Candidate(described(bursts.effect), (bursts.effect,)), float(expit(bursts.log_odds))

@@ -50,6 +50,7 @@ class Events:
                 return replace(self, patch=patch, looked=True)
         faulty = {fault.row: fault for fault in self.faulty}
         new = at_times.at_times(logs, seen, clean, answers, names, faulty)
+        new = new or at_times.sliding(logs, seen, clean, names, faulty)
         for fault in new:
             known = faulty.get(fault.row)
             faulty[fault.row] = fault if known is None else known.together(fault)
@@ -98,8 +99,8 @@ class Events:
 
 @dataclass(frozen=True)
 class Alone:
-    """Rows that contradict the other rows intermittently beside no effect, and the steps in which they do; lossy: the
-    robot whose encoders lose counts in bursts then, those whose bursts keep a steady beat."""
+    """Rows that contradict the other rows, or the reference, intermittently beside no effect, and the steps in which
+    they do; lossy: the robot whose encoders lose counts in bursts then, those whose bursts keep a steady beat."""
 
     events: Events
     released: Released
@@ -111,12 +112,25 @@ class Alone:
     ) -> "Alone | None":
         """Return these of logs linearised with no effect in the model; None if no row contradicts the others. names:
         see `Events.extended`."""
-        faulty = tuple(at_times.at_times(logs, seen, clean, (), names))
+        faulty = at_times.at_times(logs, seen, clean, (), names)
         if not faulty:
             return None
         bursts = [bursts_of(robot, logs, seen, fault.row, fault.active) for fault in faulty]
         steady = [burst.effect for burst in bursts if burst is not None and burst.effect.seed is None]
-        return cls(Events(faulty, looked=True), at_times.steps_of(seen, faulty), robot.with_effects(*steady))
+        return cls._of(faulty, seen, robot.with_effects(*steady))
+
+    @classmethod
+    def sliding(
+        cls, robot: RobotDescription, logs: Sequence[Log], seen: Linearised, clean: Linearised | None, names: int
+    ) -> "Alone | None":
+        """Return the rows that contradict the reference, if others do than those that contradict each other."""
+        faulty = at_times.sliding(logs, seen, clean, names)
+        among_rows = {fault.row for fault in at_times.at_times(logs, seen, clean, (), names)} if faulty else set[int]()
+        return cls._of(faulty, seen, robot) if {fault.row for fault in faulty} - among_rows else None
+
+    @classmethod
+    def _of(cls, faulty: Sequence[at_times.Faulty], seen: Linearised, lossy: RobotDescription) -> "Alone":
+        return cls(Events(tuple(faulty), looked=True), at_times.steps_of(seen, faulty), lossy)
 
 
 def _cost(released: Released, seen: Linearised) -> Array:

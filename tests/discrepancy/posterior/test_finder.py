@@ -355,7 +355,7 @@ def test_a_search_ends_though_logs_show_something_else_each_time(monkeypatch):
     first: Any = SimpleNamespace(candidates=())
     search: Any = SimpleNamespace(begin=(), events=(), base=ROBOT, begun=lambda: first, afresh=lambda: first)
     others = "one_loss", "events_alone", "fault", "lost_counts", "hidden", "curve"
-    for name in ("look", "ask", "displaced", *(f"with_{other}" for other in others)):
+    for name in ("look", "ask", "displaced", "without_events", *(f"with_{other}" for other in others)):
         setattr(search, name, lambda *_: None)
     search.with_events = lambda: ()
     finder._Search.run(search)
