@@ -329,13 +329,13 @@ class _Search:
 
     def without_events(self) -> Sequence[Sized] | None:
         """Return the effects in the model, to begin anew with, where the logs are likelier with these alone than with
-        events beside them; None if they are not."""
-        if not len(self.events) or not self.named:
+        events beside them that the reference tells; None if they are not."""
+        if not self.named or not self.events.of_reference:
             return None
         alone = self.linearised(self.found, released=Released(), start=self.seen, among=())
         if alone.log_evidence <= self.seen.log_evidence:
             return None
-        self.events, self.released = replace(self.events, faulty=(), patch=None), Released()
+        self.events, self.released = replace(self.events, faulty=()), Released()
         return self.named
 
     def with_one_loss(self) -> Sequence[Sized] | None:

@@ -92,6 +92,11 @@ class Events:
             answers.append(slippery.answer_of(self.patch, cost, confirmed[-1]))
         return answers
 
+    @property
+    def of_reference(self) -> bool:
+        """Whether there are events, and the reference alone tells of all."""
+        return bool(self.faulty) and self.patch is None and not any(fault.of_others for fault in self.faulty)
+
     def __len__(self) -> int:
         """Return the number of events."""
         return len(self.faulty) + (self.patch is not None)
