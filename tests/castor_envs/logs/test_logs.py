@@ -1,8 +1,8 @@
 """Logs keep every number, and every mistake in a file is named with its place."""
 
 import os
-import shutil
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -18,6 +18,9 @@ from castor_envs.logs.log import Log, pivot_jumps
 from castor_envs.logs.table import Line, numbers
 from castor_envs.logs.trajectory_files import export_kitti, export_trajectory, export_tum
 from castor_envs.vehicles.presets import cfmmr, preset
+
+EVO = Path(sys.executable).parent / "evo_traj"
+"""The program of the environment that the tests run in, which need not be active."""
 
 HEADER = "t,wheel_1l,wheel_1r,ref_x,ref_y,ref_psi"
 DIFFERENTIAL = preset("differential")
@@ -441,14 +444,14 @@ def test_a_trajectory_is_exported_in_the_format_asked_for(tmp_path):
     assert not (tmp_path / "e").exists()
 
 
-@pytest.mark.skipif(shutil.which("evo_traj") is None, reason="the program evo_traj (pip install evo) is not there")
+@pytest.mark.skipif(not EVO.exists(), reason="the program evo_traj (pip install evo) is not there")
 def test_evo_reads_the_exports(tmp_path):
     log = sample_log()
     assert log.reference is not None
     export_tum(tmp_path / "tum.txt", log.t, log.reference)
     export_kitti(tmp_path / "kitti.txt", log.reference[3:])
     for kind, rows in (("tum", len(log) - 1), ("kitti", len(log) - 3)):
-        command = ["evo_traj", kind, str(tmp_path / f"{kind}.txt"), "--full_check"]
+        command = [str(EVO), kind, str(tmp_path / f"{kind}.txt"), "--full_check"]
         done = subprocess.run(
             command, capture_output=True, text=True, check=True, env={**os.environ, "HOME": str(tmp_path)}
         )
