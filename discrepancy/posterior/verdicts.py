@@ -9,7 +9,7 @@ import numpy as np
 from scipy.special import expit, logit
 
 from castor_envs.geometry.arrays import Array
-from discrepancy.posterior.answers import Answer, Seen, Verdict
+from discrepancy.posterior.answers import Answer, Cause, Seen, Verdict
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, LOG_ODDS, SIGNATURE
 from discrepancy.posterior.model.refit import Sized, sizes_of
 from discrepancy.posterior.priors import bounds_of, directions_in_model
@@ -188,6 +188,7 @@ class _Confirmation:
     with_named: Seen
     order: GoodOrder
     fit: Callable[[Sequence[Sized]], Seen | None] | None
+    _of_sizes: dict[Cause, float] = dataclasses.field(default_factory=dict)
 
     def log_ratio(self, answer: Answer) -> float:
         """Return the log-likelihood ratio of an effect of the size found against none."""
@@ -232,6 +233,11 @@ class _Confirmation:
     def log_ratio_of_size(self, answer: Answer) -> float:
         """Return the log-likelihood ratio of an effect's size in held-out logs being the one found against another one
         of the same order. Effects of the catalogue have one size; what another cause mimics need not."""
+        if answer.candidate not in self._of_sizes:  # it may take a fit
+            self._of_sizes[answer.candidate] = self._log_ratio_of_size(answer)
+        return self._of_sizes[answer.candidate]
+
+    def _log_ratio_of_size(self, answer: Answer) -> float:
         if answer.confirmed is not None or answer.candidate not in self.with_named.candidates:
             return 0.0
         effect = self._sized(answer)
