@@ -53,6 +53,7 @@ from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import answer_of, encoders_of, helps, learned
 from discrepancy.posterior.variances.lost import advantage, as_one_loss, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
+from discrepancy.posterior.variances.slippery import slippery_in
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, weakest
 from discrepancy.validation.cost import WAY
 from discrepancy.validation.sufficient import check_seen, must_fit
@@ -223,13 +224,12 @@ class _Search:
         if self.begin:
             return first
         known = self.robot, self.logs, first, self.good, self.names
-        self.alone, sliding = Alone.found(*known), Alone.sliding(*known)
+        self.alone = Alone.found(*known)
+        sliding = Alone.sliding(*known, self.alone)
         if sliding is None or not self._explained_by(sliding, first):
             return first
-        self.events, self.alone = sliding.events, None
-        extended = Events().extended(*known[:4], (), self.names)
-        if extended is not None and extended.patch is not None:
-            self.events = extended
+        patch = slippery_in(self.robot, self.logs, first, self.names)
+        self.events, self.alone = sliding.events if patch is None else Events(patch=patch, looked=True), None
         self.released = self.events.released(self.robot, self.logs, first)
         return self.afresh()
 

@@ -111,25 +111,32 @@ def sliding(
 ) -> list[Faulty]:
     """Return the rows of wheels that slip intermittently, as the reference tells, with probability `CREDIBLE`, beside
     the effects in the model. names, known: see `at_times`."""
-    rows = seen.designs[0].model.rows
-    slipping = [_by_reference(seen, k, rows)[0] for k, log in enumerate(logs) if log.reference is not None]
-    if not slipping:
+    by_log = _slipping(logs, seen)
+    told = [off for off, _ in by_log if np.any(off)]
+    if not told:
         return []
+    rows = seen.designs[0].model.rows
     good = [] if clean is None else [_by_reference(clean, k, rows)[0] for k in range(len(clean.slips))]
     usual = np.max([np.zeros(len(rows)), *map(_log_factors, good)], axis=0)
-    log_odds = _in_some_logs([_log_factors(off) for off in slipping]) - usual + prior_log_odds(names)
+    log_odds = _in_some_logs([_log_factors(off) for off in told]) - usual + prior_log_odds(names)
     likely = [row for row in np.argsort(-log_odds).tolist() if row not in known and log_odds[row] >= LOG_ODDS]
-    return [_sliding(logs, seen, row, float(log_odds[row])) for row in likely]
+    return [_sliding(by_log, row, float(log_odds[row])) for row in likely]
 
 
-def _sliding(logs: Sequence[Log], seen: Linearised, row: int, log_odds: float) -> Faulty:
-    """Return the windows of logs in which a wheel slips, as the reference tells; none of logs without one."""
-    active, slips = [], []
-    for k, log in enumerate(logs):
-        off, parts = _by_reference(seen, k, seen.designs[k].model.rows)
-        active.append(_active(off[:, row]) if log.reference is not None else np.zeros(len(off)))
-        slips.append(parts[:, row] * (active[-1] > 0.5))
-    return Faulty(row, tuple(active), tuple(slips), log_odds, of_others=False)
+def _slipping(logs: Sequence[Log], seen: Linearised) -> list[tuple[Array, Array]]:
+    """Return what `_by_reference` does for each log; 0 of logs without a reference."""
+    by_log = [_by_reference(seen, k, seen.designs[k].model.rows) for k in range(len(logs))]
+    return [
+        (off, parts) if log.reference is not None else (0 * off, 0 * parts)
+        for log, (off, parts) in zip(logs, by_log, strict=True)
+    ]
+
+
+def _sliding(by_log: Sequence[tuple[Array, Array]], row: int, log_odds: float) -> Faulty:
+    """Return the windows of logs in which a wheel slips, as the reference tells. by_log: as of `_slipping`."""
+    active = tuple(_active(off[:, row]) * np.any(off) for off, _ in by_log)
+    slips = tuple(parts[:, row] * (probability > 0.5) for probability, (_, parts) in zip(active, by_log, strict=True))
+    return Faulty(row, active, slips, log_odds, of_others=False)
 
 
 def _by_reference(seen: Linearised, k: int, rows: NDArray[np.intp]) -> tuple[Array, Array]:
@@ -170,13 +177,13 @@ def recurring(logs: Sequence[Log], seen: Linearised, faulty: Sequence[Faulty]) -
     """Return the windows of other logs in which the same rows contradict the rest, and the log Bayes factor of each
     fault in them."""
     disagreements, found, confirmed = _beside(seen, ()), [], []
-    rows = seen.designs[0].model.rows
-    slipping = [_by_reference(seen, k, rows)[0] for k, log in enumerate(logs) if log.reference is not None]
+    by_log = _slipping(logs, seen)
+    told = [off for off, _ in by_log if np.any(off)]
     for fault in faulty:
         if not fault.of_others:
-            factor = _in_some_logs([_log_factors(off[:, [fault.row]]) for off in slipping])[0] if slipping else 0.0
+            factor = _in_some_logs([_log_factors(off[:, [fault.row]]) for off in told])[0] if told else 0.0
             confirmed.append(float(factor))
-            found.append(_sliding(logs, seen, fault.row, fault.log_odds))
+            found.append(_sliding(by_log, fault.row, fault.log_odds))
             continue
         active = tuple(_active(off[:, fault.row]) for off in disagreements)
         factor = float(_in_some_logs([_log_factors(off) for off in disagreements])[fault.row])

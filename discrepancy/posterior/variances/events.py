@@ -126,12 +126,19 @@ class Alone:
 
     @classmethod
     def sliding(
-        cls, robot: RobotDescription, logs: Sequence[Log], seen: Linearised, clean: Linearised | None, names: int
+        cls,
+        robot: RobotDescription,
+        logs: Sequence[Log],
+        seen: Linearised,
+        clean: Linearised | None,
+        names: int,
+        among_rows: "Alone | None",
     ) -> "Alone | None":
-        """Return the rows that contradict the reference, if others do than those that contradict each other."""
+        """Return the rows that contradict the reference, if others do than those that contradict each other
+        (among_rows)."""
         faulty = at_times.sliding(logs, seen, clean, names)
-        among_rows = {fault.row for fault in at_times.at_times(logs, seen, clean, (), names)} if faulty else set[int]()
-        return cls._of(faulty, seen, robot) if {fault.row for fault in faulty} - among_rows else None
+        known = set[int]() if among_rows is None else {fault.row for fault in among_rows.events.faulty}
+        return cls._of(faulty, seen, robot) if {fault.row for fault in faulty} - known else None
 
     @classmethod
     def _of(cls, faulty: Sequence[at_times.Faulty], seen: Linearised, lossy: RobotDescription) -> "Alone":
