@@ -3,8 +3,10 @@
 import dataclasses
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
 
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
@@ -62,6 +64,19 @@ class Fit:
         ]
         return max(worst, key=lambda entry: entry["most_slip_m"])
 
+    def clocks(self) -> Iterator[str]:
+        """Yield remarks on logs whose reference was taken half a sample and more before or after what their rows say,
+        as none of the effects is about that."""
+        _, seen = self.best
+        for (name, log), (offset, rate) in zip(self.logs.items(), seen.state.clocks.tolist(), strict=True):
+            early = offset + rate * (log.t[-1] - log.t[0]) / 2
+            if abs(early) > np.median(np.diff(log.t)) / 2:
+                which, other = ("early", "late") if early > 0 else ("late", "early")
+                yield (
+                    f"{name}: the reference is {abs(early) * 1e3:.3g} ms {which}, or all encoders are {other} by as much: "
+                    "this is fitted, and counts as no discrepancy"
+                )
+
     def maps(self, name: str) -> list[pictures.Picture]:
         """Return maps of slip in the log with this name: over time and, if there is a reference, on the floor."""
         k, called = list(self.logs).index(name), f"{names_apart(self.logs)[name]}: " if len(self.logs) > 1 else ""
@@ -102,9 +117,10 @@ class Examined:
         named = diagnosis.found.effects[len(diagnosis.robot.effects) :]
         these, *held_out = ((fit.before, fit.after) for fit in seen.values())
         logs = undone.logs, undone.held_out, undone.clean
+        on_clocks = [remark for fit in seen.values() for remark in fit.clocks()]
         data = plain_data.as_data(diagnosis, logs, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
-            "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks],
+            "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks, *on_clocks],
             "too_little": checked.blind,
             "effects": [dataclasses.asdict(effect) for effect in undone.added(named)],
             "replay": _replay_data(*seen.values()),

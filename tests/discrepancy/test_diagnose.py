@@ -11,7 +11,7 @@ import pytest
 
 from castor_envs.cli import command_line
 from castor_envs.effects.catalogue import readings
-from castor_envs.effects.clocks import EncoderLatency
+from castor_envs.effects.clocks import AllLatency, EncoderLatency
 from castor_envs.effects.wiring import EncodersSwapped
 from castor_envs.errors import InputError
 from castor_envs.geometry.se2 import compose
@@ -70,6 +70,19 @@ def test_the_mount_of_a_tracker_is_no_effect_of_the_robot():
     assert not found.found.effects
     assert found.verdict in ("no discrepancy", "negligible")
     assert found.before.state.mount[2] == pytest.approx(0.02, abs=1e-3)
+
+
+@pytest.mark.slow
+def test_a_reference_that_is_early_is_told_and_is_no_effect_of_the_robot():
+    """Encoders that are all late look the same. That of a log in good order is early by less than half a sample."""
+    late = AllLatency(value=0.08)
+    examined = examine(ROBOT, {"a": rolled(ROBOT.with_effects(late), 1), "b": rolled(ROBOT, 2)}, {}, {})
+    (remark,) = (line for line in examined.data["preflight"] if "the reference is" in line)
+    assert remark.startswith("a: the reference is ")
+    assert " ms early, or all encoders are late by as much" in remark
+    assert float(remark.split()[4]) == pytest.approx(80, abs=3)
+    assert remark in examined.page()
+    assert not examined.data["effects"]
 
 
 @pytest.mark.slow
