@@ -73,8 +73,8 @@ class Fit:
             if abs(early) > np.median(np.diff(log.t)) / 2:
                 which, other = ("early", "late") if early > 0 else ("late", "early")
                 yield (
-                    f"{name}: the reference is {abs(early) * 1e3:.3g} ms {which}, or all encoders are {other} by as much: "
-                    "this is fitted, and counts as no discrepancy"
+                    f"{name}: the reference is {abs(early) * 1e3:.3g} ms {which}, or all encoders are {other} by as "
+                    "much: this is fitted, and counts as no discrepancy"
                 )
 
     def maps(self, name: str) -> list[pictures.Picture]:
