@@ -5,7 +5,6 @@ smoothed, as signatures from differences of single counts would resemble each ot
 """
 
 import dataclasses
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, fields
@@ -24,15 +23,15 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion, contact_paths
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.hypotheses.stretches import by_disagreement, by_motion
 from estimators.likelihood.channels import Channels
+from estimators.likelihood.disagreement import BODY
+from estimators.likelihood.log_likelihood import LogLikelihood
 from estimators.likelihood.sparse_columns import SparseColumns
 
 SWEPT = np.pi
 """rad that a castor must sweep so that errors periodic in its angle can be distinguished from a bias and a gain of its
 encoder. What is in the model stays a candidate: with it, the castor may seem to sweep a little less."""
-
-BLOCKS = 4
-"""Parts of equal length into which a log is cut for intermittent unnamed alternatives."""
 
 ENDS = 0.05
 """Part of a log at each end in which no jump is searched: it could not be distinguished from a bias."""
@@ -85,7 +84,7 @@ class Candidate:
     @property
     def searched_over_steps(self) -> bool:
         """Whether its place or time was chosen among all steps to suit the logs."""
-        return self.at_a_place or " jumps at " in self.what
+        return self.at_a_place or bool(self.when)
 
     def effect(self, amplitudes: Sequence[float] | Array) -> Effect:
         """Return the effect with these amplitudes (columns,); raises ValueError for amplitudes that it cannot have."""
@@ -180,7 +179,7 @@ def signatures_of(
     robot: RobotDescription,
     log: Log,
     state: Array,
-    score: Array,
+    model: LogLikelihood,
     among: Sequence[Candidate] | None = None,
     of: str = "",
     places: Sequence[Candidate] = (),
@@ -188,7 +187,7 @@ def signatures_of(
 ) -> Signatures:
     """Return the signatures of candidates (None: all) beyond the robot's own effects, at a state (K, 3 + s + d).
 
-    score: from `LogLikelihood.score_by_counts`, which locates jumps of a channel. of: name of the log,
+    model: of the log, which locates jumps of a channel, and stretches in which it reads wrongly. of: name of the log,
     for unnamed alternatives at a time in it. places: further candidates, at places of the floor. creep: how many times
     as much as described contacts creep under forces.
     """
@@ -248,7 +247,7 @@ def signatures_of(
                 both = np.concatenate([slip.rolling, slip.side], axis=1) * (creep if kind.creep == "forces" else 1.0)
                 read.append(slipping(candidate, SparseColumns.of(both[..., None])))
     if among is None:
-        read += [misreading(candidate, excess) for candidate, excess in _misread(channels, log, counts, score, of)]
+        read += [misreading(candidate, excess) for candidate, excess in _misread(channels, log, state, model, of)]
         read += [slipping(candidate, slips) for candidate, slips in _slipping(robot, motion)]
         unread += [SWAYING] if log.reference is not None else []
     read += [misreading(candidate, np.zeros((*counts.shape, 1))) for candidate in unread]
@@ -372,10 +371,12 @@ def _slipping(robot: RobotDescription, motion: Motion) -> Iterator[tuple[Candida
             yield alone(behaviour, place, i, rolled * np.sin(times * theta), rolled * np.cos(times * theta))
 
 
-def _misread(channels: Channels, log: Log, counts: Array, score: Array, of: str) -> Iterator[tuple[Candidate, Array]]:
+def _misread(
+    channels: Channels, log: Log, state: Array, model: LogLikelihood, of: str
+) -> Iterator[tuple[Candidate, Array]]:
     """Yield unnamed alternatives of one channel at a time: readings that are wrong in part of the log, jump, repeat, or
     drift."""
-    edges = np.linspace(0, len(counts), BLOCKS + 1).astype(int).tolist()
+    counts, score = state[:, 3 : 3 + len(channels.names)], model.score_by_counts(state)
     speed = np.gradient(counts, log.t, axis=0)
     samples = np.arange(len(counts))
     for c, name in enumerate(channels.names):
@@ -388,12 +389,16 @@ def _misread(channels: Channels, log: Log, counts: Array, score: Array, of: str)
             return Candidate(f"{name} {behaviour}{when}", columns=len(values), when=when), excess
 
         channel_counts, angle = counts[:, c], counts[:, c] * 2 * np.pi / channels.per_rev[c]
-        for first, last in itertools.pairwise(edges):
-            span = f" from {log.t[first]:.0f} to {log.t[last - 1]:.0f} s{of}"
-            yield alone("reads in proportion too much", channel_counts[np.clip(samples, first, last - 1)], when=span)
+        later = np.cumsum(score[:0:-1, c])[::-1]  # by a jump in each step
+        stretches = [by_motion(np.diff(channel_counts), later)]
+        if c >= len(channels.sensed) and len(model.rows) > BODY:
+            (row,) = np.flatnonzero(model.rows == channels.driven[c - len(channels.sensed)])
+            stretches.append(by_disagreement(model, channels.geometry, state, log.t, int(row)))
+        spans = {f" from {log.t[part.first]:.1f} to {log.t[part.last]:.1f} s{of}": part for part in stretches if part}
+        for span, part in spans.items():
+            yield alone("reads in proportion too much", channel_counts[np.clip(samples, *part)], when=span)
         ends = int(ENDS * len(counts))
-        later = np.abs(np.cumsum(score[:0:-1, c])[::-1])[ends : len(counts) - 1 - ends]
-        jump = 1 + ends + int(np.argmax(later))
+        jump = 1 + ends + int(np.argmax(np.abs(later[ends : len(later) - ends])))
         yield alone("jumps", np.where(samples >= jump, 1.0, 0.0), when=f" at {log.t[jump]:.1f} s{of}")
         if np.ptp(angle) >= SWEPT:
             yield alone("repeats every turn", *(of(k * angle) for k in (1, 2, 3) for of in (np.sin, np.cos)))

@@ -58,7 +58,7 @@ class DesignMatrix:
         self.clock, self.rate, self.creep = clock, rate, SparseColumns.of(slipping.columns())
 
         def signatures() -> Signatures:
-            return signatures_of(robot, log, state, model.score_by_counts(state), among, of, places, creep)
+            return signatures_of(robot, log, state, model, among, of, places, creep)
 
         found, self._signatures = signatures(), signatures
         self.candidates, self.geometries, self.steps = found.candidates, found.geometries, found.steps

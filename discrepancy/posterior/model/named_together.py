@@ -70,7 +70,7 @@ def named_together(
     are at odds with that. An answer on an effect that fits have shown to be needless beside others is none.
     """
     seen, named, refused, compared = first, tuple(begin), set[tuple[str, str]](), frozenset[str]()
-    tried, needless = [families_of(named)], set[tuple[frozenset[str], str]]()
+    tried, needless = {families_of(named): seen.log_evidence}, set[tuple[frozenset[str], str]]()
     while True:
         in_model = families_of(named)
         posterior, answers, order = ask(seen, named, {new for old, new in refused if old in {*in_model, ""}})
@@ -97,8 +97,8 @@ def named_together(
         if len(tried) > MOST_SEARCHES:
             return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)
         if families not in tried:
-            tried.append(families)
             better = refitted(vehicle, look, named, new, seen)
+            tried[families] = better[1].log_evidence if families_of(better[0]) == families else -np.inf
             if families_of(better[0]) == in_model < families:  # with no part of the new ones the logs are as likely
                 refused |= {("", new) for new in families - in_model}
                 continue
@@ -108,6 +108,9 @@ def named_together(
         elif families < in_model:  # something unnamed takes the place of what fits, without it, put into the model
             named = tuple(effect for effect in named if effect.candidate.family in families)
             seen = look(named, seen, None)
+            continue
+        elif pairs := _pairs(in_model, families) - refused if tried[families] < seen.log_evidence - LOG_ODDS else ():
+            refused |= pairs
             continue
         else:
             if in_model != compared:
@@ -124,7 +127,7 @@ def named_together(
             better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
                 return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)
-            tried.append(families_of(better[0]))
+            tried[families_of(better[0])] = better[1].log_evidence
             if families_of(better[0]) < in_model:
                 needless |= {(families_of(better[0]), family) for family in in_model - families_of(better[0])}
         named, seen = better
@@ -250,7 +253,12 @@ def _unlikely(
         of_motion = seen.log_evidence_of_motion - beside.log_evidence_of_motion + min(fewer, 0.0)
         if max(lost, of_motion) < LOG_ODDS:
             return set()
-    return set(itertools.product(before - after or {""}, after - before))
+    return _pairs(before, after)
+
+
+def _pairs(before: Collection[str], after: Collection[str]) -> set[tuple[str, str]]:
+    """Return the families of effects that come into a model, each with the family of one that leaves it, or ""."""
+    return set(itertools.product(set(before) - set(after) or {""}, set(after) - set(before)))
 
 
 def most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Sequence[Sized]) -> list[Sized]:
@@ -324,7 +332,10 @@ def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_mod
     """Return the likeliest candidate of the catalogue in each component that is of one in the model, and in the most
     certain of the others."""
     named = np.array([bool(place.candidate.kinds) for place in places])
-    best = (int(np.argmax(component.probability * named)) for component in posterior.components)
+    best = (
+        int(np.argmax(component.probability * (named if component.nothing > 0.5 else 1)))
+        for component in posterior.components
+    )
     causes = list(dict.fromkeys(places[k].candidate for k in best))
     fitted = [cause for cause in causes if np.any(in_model[seen.columns[cause]])]
     return fitted + [cause for cause in causes if cause not in fitted][:BESIDE]

@@ -1,4 +1,5 @@
-"""What may be missing, and what else may look like it: where an encoder jumps is found in the log."""
+"""What may be missing, and what else may look like it: where an encoder jumps, and from when to when it reads too
+little, is found in the log."""
 
 import dataclasses
 from functools import cache
@@ -34,6 +35,19 @@ def test_a_jump_is_looked_for_where_it_is_and_never_near_the_ends(at):
     (jump,) = [candidate.what for candidate in seen.candidates if candidate.what.startswith("pivot_2 jumps at ")]
     time = float(jump.split()[3])
     assert time == at if at == 12.0 else 1.0 <= time <= 19.0
+
+
+@pytest.mark.parametrize("missed", [0.005, 0.05])
+@pytest.mark.parametrize(("first", "last"), [(6.0, 9.0), (3.0, 15.0)])
+def test_a_stretch_in_which_an_encoder_reads_too_little_is_looked_for_where_it_is(first, last, missed):
+    """Windows in which wheels disagree last a second."""
+    log = driven()
+    missing = missed * np.diff(log.wheel[:, 1], prepend=log.wheel[0, 1]) * ((log.t > first) & (log.t < last))
+    wheel = log.wheel - np.cumsum(missing)[:, None] * [0, 1, 0, 0, 0, 0]
+    seen = linearise(ROBOT, [dataclasses.replace(log, wheel=wheel)])
+    looked_for = [candidate.what for candidate in seen.candidates if candidate.what.startswith("wheel_1r reads in")]
+    stretches = [what.partition("too much from ")[2].split() for what in looked_for]
+    assert any(max(abs(float(start) - first), abs(float(end) - last)) <= 1.0 for start, _, end, _ in stretches), looked_for
 
 
 @pytest.mark.parametrize("name", preset_names())

@@ -12,7 +12,7 @@ from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import SWAYING
 from discrepancy.posterior.finder import diagnose
-from discrepancy.trials.outside import FlatSpot, SwingingPoint
+from discrepancy.trials.outside import FlatSpot, SwingingPoint, WeakStretch
 from discrepancy.trials.pymunk_generator import drive
 
 pytestmark = pytest.mark.slow
@@ -71,3 +71,17 @@ def test_a_flat_spot_is_not_surely_an_eccentric_wheel():
     diagnosis = examined("differential", FlatSpot(castor=1, wheel=1, value=0.1, seed=1))
     assert diagnosis.verdict in ("ambiguous", "unexplained")
     assert not any(answer.verdict == "named" for answer in diagnosis.answers)
+
+
+def test_an_encoder_that_reads_too_little_for_a_while_is_told_with_its_times():
+    """0.5 % for 7 s: less than wheels disagree in any of these seconds."""
+    outside = WeakStretch(castor=2, wheel=1, value=0.005, seed=6)
+    first, lasts = np.random.default_rng(outside.seed).uniform((5.0, 4.0), (40.0, 12.0))
+    diagnosis = examined("4-castor", outside)
+    assert diagnosis.verdict == "unexplained"
+    (answer,) = (answer for answer in diagnosis.answers if answer.verdict == "unexplained")
+    assert answer.candidate.what.startswith("wheel_2l reads in proportion too much from ")
+    start, _, end, _ = answer.candidate.what.partition(" from ")[2].split()
+    assert abs(float(start) - first) < 1.0
+    assert abs(float(end) - min(first + lasts, 40.0)) < 1.0
+    assert abs(answer.size + outside.value) < 0.3 * outside.value

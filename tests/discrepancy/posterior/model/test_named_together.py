@@ -73,6 +73,12 @@ def test_an_effect_takes_the_place_of_another_unless_fits_exclude_it(less_likely
     assert in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 50.0 - less_likely}, statistics_of) == stays
 
 
+def test_what_fits_have_excluded_is_no_answer_where_the_posterior_turns_back_to_it(statistics_of):
+    """Beside each of two effects the other seems likelier; the one with which logs are likelier is the answer."""
+    posterior = {NONE: [[PLACE]], OF_PLACE: [[GAIN]], OF_GAIN: [[PLACE, GAIN]]}
+    assert in_model(posterior, {NONE: 0.0, OF_PLACE: 50.0, OF_GAIN: 217.0}, statistics_of) == OF_GAIN
+
+
 @pytest.mark.parametrize("likelier", [-0.1, 0.1])
 def test_an_effect_comes_into_the_model_unless_fits_exclude_it(likelier, statistics_of):
     posterior = {NONE: [[PLACE]], OF_PLACE: [[PLACE], [GAIN]], BOTH: [[PLACE], [GAIN]]}

@@ -9,6 +9,7 @@ import pytest
 
 from castor_envs.effects.dimensions import WheelRadius
 from castor_envs.effects.encoders import TickLoss
+from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.vehicles.presets import preset
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, described, signatures_of
@@ -17,6 +18,7 @@ from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized, with_effects
 from discrepancy.posterior.variances.lost import _is_radius, as_one_loss, lossy_above, lossy_encoders, of_same_wheel
 from discrepancy.trials.pymunk_generator import drive
+from estimators.likelihood.log_likelihood import LogLikelihood
 
 ROBOT = preset("omni3")
 LOSS = TickLoss(castor=1, wheel=1, value=0.2, above=5.0)
@@ -162,7 +164,7 @@ def test_more_of_a_loss_is_a_larger_part_and_not_a_part_lost_twice():
     lossy, log = ROBOT.with_effects(LOSS), log_of(1, LOSS)
     (state,) = linearise(lossy, [log], among=()).state.states
     candidate = next(candidate for candidate in candidates_of(ROBOT) if candidate.is_of(LOSS))
-    signature = signatures_of(lossy, log, state, np.zeros((len(log.t), 3)), [candidate]).readings[slice(None)][:, 0, 0]
+    signature = signatures_of(lossy, log, state, LogLikelihood(Geometry.of(lossy), log), [candidate]).readings[slice(None)][:, 0, 0]
     turned = np.diff(state[:, 3])
     rate = turned * 2 * np.pi / float(ROBOT.castors[0].wheels[0].counts_per_rev or 0) / np.diff(log.t)
     lost = np.concatenate([[0.0], np.cumsum(np.where(rate > LOSS.above, turned, 0.0))])
