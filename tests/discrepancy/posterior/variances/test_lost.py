@@ -164,7 +164,8 @@ def test_more_of_a_loss_is_a_larger_part_and_not_a_part_lost_twice():
     lossy, log = ROBOT.with_effects(LOSS), log_of(1, LOSS)
     (state,) = linearise(lossy, [log], among=()).state.states
     candidate = next(candidate for candidate in candidates_of(ROBOT) if candidate.is_of(LOSS))
-    signature = signatures_of(lossy, log, state, LogLikelihood(Geometry.of(lossy), log), [candidate]).readings[slice(None)][:, 0, 0]
+    model = LogLikelihood(Geometry.of(lossy), log)
+    signature = signatures_of(lossy, log, state, model, [candidate]).readings[slice(None)][:, 0, 0]
     turned = np.diff(state[:, 3])
     rate = turned * 2 * np.pi / float(ROBOT.castors[0].wheels[0].counts_per_rev or 0) / np.diff(log.t)
     lost = np.concatenate([[0.0], np.cumsum(np.where(rate > LOSS.above, turned, 0.0))])
