@@ -159,7 +159,7 @@ def bursts_of(
             by_window, farthest = (np.bincount(windows[-1], part, len(probability)) for part in (lost, way))
             fewer = (by_window > 0) & (by_window <= farthest)
             likely = probability > 0.5
-            log_odds += _log_odds(probability[likely], fewer[likely])
+            log_odds += _log_odds(*_by_run(likely, probability, by_window))
             hits.append(fewer & likely)
             parts.append(share[fast & hits[-1][windows[-1]]])
         inside = np.concatenate(parts)
@@ -181,9 +181,19 @@ def bursts_of(
     return Bursts(effect, error, log_odds)
 
 
+def _by_run(likely: NDArray[np.bool_], active: Array, lost: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return for each run of windows (W,) in which a fault is likely the largest probability that it is active there,
+    and whether the wheel turned further than its encoder shows: a fault that lasts is one, however long it lasts."""
+    starts = np.flatnonzero(likely & ~np.concatenate([[False], likely[:-1]]))
+    if not len(starts):
+        return np.zeros(0), np.zeros(0, dtype=bool)
+    of_active, of_lost = np.where(likely, active, 0.0), np.where(likely, lost, 0.0)
+    return np.maximum.reduceat(of_active, starts), np.add.reduceat(of_lost, starts) > 0
+
+
 def _log_odds(active: Array, fewer: NDArray[np.bool_]) -> float:
-    """Return the log odds (natural logarithm) of lost counts against another cause, given the windows, or bursts,
-    (W,) in which the encoder shows less than the wheel turns.
+    """Return the log odds (natural logarithm) of lost counts against another cause, given the runs of windows, or
+    bursts, (W,) in which the encoder shows less than the wheel turns.
 
     Where the fault is active, lost counts always show less and another cause does with probability 1/2; where it is
     not, either sign says nothing.

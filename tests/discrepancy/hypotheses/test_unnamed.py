@@ -84,4 +84,12 @@ def test_an_encoder_that_reads_too_little_for_a_while_is_told_with_its_times():
     start, _, end, _ = answer.candidate.what.partition(" from ")[2].split()
     assert abs(float(start) - first) < 1.0
     assert abs(float(end) - min(first + lasts, 40.0)) < 1.0
-    assert abs(answer.size + outside.value) < 0.3 * outside.value
+    assert -1.0 < answer.size / outside.value < -0.5, "a part of it passes for creep"
+
+
+def test_counts_that_are_lost_once_are_no_bursts():
+    """However many seconds that lasts: 1 % for 7 s was told as bursts of lost counts, as sure, as it was in each."""
+    diagnosis = examined("4-castor", WeakStretch(castor=2, wheel=1, value=0.01, seed=6))
+    (answer,) = (answer for answer in diagnosis.answers if answer.verdict != "negligible")
+    assert answer.verdict in ("ambiguous", "unexplained")
+    assert answer.unnamed
