@@ -8,8 +8,8 @@ Where there is a reference, it tells each wheel's slip as well: a floor that is 
 slide at the same time, which then hardly disagree, and of two wheels none can contradict the other.
 
 But if a wheel turns further than its encoder shows wherever it contradicts the others, counts were lost in bursts: any
-other cause would have either sign with the same probability in each window. A window in which the fault is likelier
-active than not counts by the probability that it is.
+other cause would have either sign with the same probability each time. Neighbouring windows are one time, which counts
+by the largest probability that the fault is active in one of them.
 """
 
 import dataclasses
