@@ -122,7 +122,7 @@ def forget_rows(
 
 
 def export(
-    task: Annotated[str, typer.Argument(help="A task's name, or file.py[:Class]; or a log (.csv), with its --robot.")],
+    task: Annotated[str, typer.Argument(help="A task's name, or file.py[:Class]; or a log, with its --robot.")],
     cases: Annotated[int, typer.Option(help="The first so many cases.")] = 1,
     out: Annotated[Path, typer.Option(help="The folder to write to; it must not exist yet.")] = Path("castor-episodes"),
     form: Annotated[
@@ -147,7 +147,8 @@ def export(
     The floor that was driven on, where it is known and not even, is beside each run as a floor file; with TUM or KITTI
     text also as a map (YAML and PNG) that evo_traj -p --plot_mode xy --ros_map_yaml draws.
     """
-    if task.endswith(".csv"):
+    refuse_recording(Path(task))
+    if task.endswith(".csv") or (Path(task).is_file() and not task.endswith(".py")):
         if robot is None:
             raise InputError(f"{task}: name the robot that made it with --robot, a file or a preset")
         if results is not None:
@@ -157,7 +158,6 @@ def export(
         print(f"{out}: poses of {task}")
         end_for(failing)
         return
-    refuse_recording(Path(task))
     if estimator:
         raise InputError("--estimator: is for a log; of a task --results adds what run has stored")
     known = tasks_with(measured) if robot is None else tasks_on(OtherRobot.load(robot))

@@ -5,6 +5,7 @@ import html
 import importlib
 import re
 import shlex
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -156,6 +157,8 @@ def test_poses_of_a_log_are_exported_where_the_reference_is_known(castor_bench, 
     np.testing.assert_array_equal(estimate[:, 0], known[:, 0])
     np.testing.assert_array_equal(known[:, :3], np.column_stack([log.t, log.reference[:, :2]])[rows])
     np.testing.assert_allclose(estimate[0, 1:], known[0, 1:], atol=1e-12)
+    shutil.copy(here / "drive.csv", here / "drive.txt")
+    assert castor_bench("export", "drive.txt", *arguments, "--out", "same") == (0, "same: poses of drive.txt\n", "")
     write_log(here / "blind.csv", dataclasses.replace(log, reference=None), differential())
     code, _, err = castor_bench("export", "blind.csv", *arguments, "--out", "none")
     assert (code, "blind.csv: has no reference" in err, (here / "none").exists()) == (2, True, False)
