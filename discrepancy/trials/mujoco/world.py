@@ -46,6 +46,8 @@ class World:
         self.robot, self.geometry, self.tyres = robot, parts.geometry, parts.tyres
         self.radius, self._step, self._patches = parts.geometry.radius.copy(), step, floor.patches
         self._outside = outside
+        warnings = mujoco.mjtWarning
+        self._unstable = warnings.mjWARN_BADQPOS, warnings.mjWARN_BADQVEL, warnings.mjWARN_BADQACC
 
         model, wheels = self.model, range(len(robot.wheels))
         joints = {model.joint(k).name: model.joint(k) for k in range(model.njnt)}
@@ -85,7 +87,10 @@ class World:
         self._start = data.qpos.copy()
 
     def step(self, t: float, wheel: Array, steering: Array) -> None:
-        """Make one step from t: velocities from the state `AHEAD`, then the whole step with them."""
+        """Make one step from t: velocities from the state `AHEAD`, then the whole step with them.
+
+        Raises ArithmeticError where the simulation becomes unstable: MuJoCo would begin anew.
+        """
         model, data = self.model, self.data
         data.ctrl[self._motors] = np.append(np.clip(wheel, -self._fastest, self._fastest), steering)
         if self.tyres.shrinking:
@@ -103,6 +108,8 @@ class World:
         before = data.qpos.copy()
         self._mujoco.mj_integratePos(model, data.qpos, data.qvel, self._step * AHEAD)
         self._mujoco.mj_step(model, data)
+        if any(data.warning[kind].number for kind in self._unstable):
+            raise ArithmeticError(f"the simulation of {self.robot.name!r} became unstable at {t:.4g} s")
         data.qpos[:] = before
         self._mujoco.mj_integratePos(model, data.qpos, data.qvel, self._step)
 

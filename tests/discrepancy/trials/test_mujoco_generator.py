@@ -35,7 +35,7 @@ from castor_envs.vehicles.robot import Castor, RobotDescription, Wheel
 from castor_envs.vehicles.weight import swung_loads
 from discrepancy.trials.foreign.run import Run, read
 from discrepancy.trials.mujoco import outside
-from discrepancy.trials.mujoco.world import SIMULATOR, drive, simulate
+from discrepancy.trials.mujoco.world import SIMULATOR, STEP, World, drive, simulate
 from discrepancy.trials.reading import Noise
 
 ASOC = preset("asoc-prototype")
@@ -518,3 +518,14 @@ def test_what_cannot_be_built_is_refused():
         simulate(dataclasses.replace(ASOC, castors=(blind, *ASOC.castors[1:])), AHEAD, 0, duration=1.0)
     with pytest.raises(InputError, match="hold better than described"):
         simulate(ASOC.with_effects(SlipStiffness(value=0.1)), AHEAD, 0, duration=1.0)
+
+
+def test_a_simulation_that_becomes_unstable_is_told(tmp_path, monkeypatch):
+    """MuJoCo begins anew, and the run would go on from there. It writes a file of its warnings where it runs."""
+    monkeypatch.chdir(tmp_path)
+    world = World(ASOC, Floor(), STEP)
+    still = np.zeros(len(ASOC.driven_wheels))
+    world.step(0.0, still, still[:0])
+    world.data.qvel[0] = 1e12
+    with pytest.raises(ArithmeticError, match=r"became unstable at 0\.001 s"):
+        world.step(STEP, still, still[:0])
