@@ -26,9 +26,9 @@ from castor_envs.logs.importers.optiodom import find_sessions, read_session
 from castor_envs.logs.log import Log
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.presets import preset
-from discrepancy.posterior import finder
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.model.named_together import MOST_SEARCHES
+from discrepancy.posterior.model.search import Search
 from discrepancy.posterior.verdicts import Material
 from discrepancy.preflight.undo import Undone
 from discrepancy.trials.cases import motion
@@ -294,7 +294,7 @@ def test_the_finder_uses_one_thread_of_linear_algebra(monkeypatch):
         used.extend(library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas")
         raise InputError("seen")
 
-    monkeypatch.setattr("discrepancy.posterior.finder.linearise", looked)
+    monkeypatch.setattr("discrepancy.posterior.model.search.linearise", looked)
     with threadpool_limits(2), pytest.raises(InputError, match="seen"):
         diagnose(ROBOT, [driven("asoc-prototype", 3)])
     assert used
@@ -351,14 +351,14 @@ def test_a_search_ends_though_logs_show_something_else_each_time(monkeypatch):
         rounds.append(len(rounds))
         return (), SimpleNamespace(candidates=()), None, []
 
-    monkeypatch.setattr(finder, "named_together", named_together)
+    monkeypatch.setattr("discrepancy.posterior.model.search.named_together", named_together)
     first: Any = SimpleNamespace(candidates=())
     search: Any = SimpleNamespace(begin=(), events=(), base=ROBOT, begun=lambda: first, afresh=lambda: first)
     others = "one_loss", "events_alone", "fault", "lost_counts", "hidden", "curve"
     for name in ("look", "ask", "displaced", "without_events", *(f"with_{other}" for other in others)):
         setattr(search, name, lambda *_: None)
     search.with_events = lambda: ()
-    finder._Search.run(search)
+    Search.run(search)
     assert rounds == list(range(MOST_SEARCHES))
 
 
