@@ -74,7 +74,7 @@ class Fit:
                 which, other = ("early", "late") if early > 0 else ("late", "early")
                 yield (
                     f"{name}: the reference is {abs(early) * 1e3:.3g} ms {which}, or all encoders are {other} by as "
-                    "much: this is fitted, and counts as no discrepancy"
+                    "much: that is fitted, and not counted"
                 )
 
     def maps(self, name: str) -> list[pictures.Picture]:
