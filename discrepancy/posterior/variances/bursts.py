@@ -156,7 +156,8 @@ def bursts_of(
         by_log = zip(seen.disagreements, active, ways, shares, fast_steps, strict=True)
         for disagreement, probability, (lost, way), share, fast in by_log:
             windows.append(np.repeat(np.arange(len(probability)), disagreement.steps))
-            by_window, farthest = (np.bincount(windows[-1], part, len(probability)) for part in (lost, way))
+            sums = (np.bincount(windows[-1], part, len(probability)) for part in (lost, way))
+            by_window, farthest = (np.asarray(of_window, dtype=np.float64) for of_window in sums)
             fewer = (by_window > 0) & (by_window <= farthest)
             likely = probability > 0.5
             log_odds += _log_odds(*_by_run(likely, probability, by_window))
