@@ -94,7 +94,7 @@ class Linearised(Seen):
     def reestimate_noise(self, effects: Sequence[Candidate]) -> "Linearised":
         """See `Seen`; beside the family of unnamed alternatives that explains most, too."""
         built, (information, score) = self.train, summed(self.logs)
-        chosen = [k for k, candidate in enumerate(self.candidates) if candidate in effects]
+        chosen = [k for k, candidate in enumerate(self.candidates) if candidate.kinds and candidate in effects]
         for k, size in zip(chosen, _likeliest(information, score, chosen).tolist(), strict=True):
             size = float(np.clip(size, *bounds_of(self.candidates[k].kinds[0])))
             if size * (2 * score[k] - size * information[k, k]) > 0:
