@@ -330,15 +330,15 @@ def asked(
 
 def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_model: Array) -> list[Cause]:
     """Return the likeliest candidate of the catalogue in each component that is of one in the model, and in the most
-    certain of the others."""
+    certain of the others; and what has no name where that is likelier than it and nothing."""
     named = np.array([bool(place.candidate.kinds) for place in places])
-    best = (
-        int(np.argmax(component.probability * (named if component.nothing > 0.5 else 1)))
-        for component in posterior.components
-    )
+    best = [int(np.argmax(component.probability * named)) for component in posterior.components]
+    expected = [component.probability for component in posterior.components if component.nothing < 0.5]
+    unnamed = [places[k].candidate for k in map(int, map(np.argmax, expected)) if not named[k]]
     causes = list(dict.fromkeys(places[k].candidate for k in best))
     fitted = [cause for cause in causes if np.any(in_model[seen.columns[cause]])]
-    return fitted + [cause for cause in causes if cause not in fitted][:BESIDE]
+    others = [cause for cause in causes if cause not in fitted][:BESIDE]
+    return list(dict.fromkeys([*fitted, *others, *unnamed]))
 
 
 def _taken_in(vehicle: Any, answers: Sequence[Answer], named: Sequence[Sized], least: float) -> Effects:
