@@ -394,9 +394,10 @@ def _misread(
         if c >= len(channels.sensed) and len(model.rows) > BODY:
             (row,) = np.flatnonzero(model.rows == channels.driven[c - len(channels.sensed)])
             stretches.append(by_disagreement(model, channels.geometry, state, log.t, int(row)))
-        spans = {f" from {log.t[part.first]:.1f} to {log.t[part.last]:.1f} s{of}": part for part in stretches if part}
-        for span, part in spans.items():
-            yield alone("reads in proportion too much", channel_counts[np.clip(samples, *part)], when=span)
+        found = [stretch for stretch in stretches if stretch is not None]
+        spans = {f" from {log.t[first]:.1f} to {log.t[last]:.1f} s{of}": (first, last) for first, last in found}
+        for span, (first, last) in spans.items():
+            yield alone("reads in proportion too much", channel_counts[np.clip(samples, first, last)], when=span)
         ends = int(ENDS * len(counts))
         jump = 1 + ends + int(np.argmax(np.abs(later[ends : len(later) - ends])))
         yield alone("jumps", np.where(samples >= jump, 1.0, 0.0), when=f" at {log.t[jump]:.1f} s{of}")

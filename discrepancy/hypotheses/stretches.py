@@ -13,8 +13,8 @@ from estimators.likelihood.disagreement import FARTHEST, LEAST, MEDIAN, WINDOW, 
 from estimators.likelihood.log_likelihood import LogLikelihood
 
 PARTS = 120
-"""A stretch begins and ends between so many parts of a log, in each of which the encoder turns as far, or, for a long
-log by how wheels disagree, which last as long."""
+"""A log is cut into so many parts, and a stretch is some that follow each other: by motion they are equally long in the
+way that the encoder turns; by disagreement they are windows, or in longer logs of equally many windows."""
 
 
 class Stretch(NamedTuple):

@@ -65,8 +65,8 @@ class Fit:
         return max(worst, key=lambda entry: entry["most_slip_m"])
 
     def clocks(self) -> Iterator[str]:
-        """Yield remarks on logs whose reference was taken half a sample and more before or after what their rows say,
-        as none of the effects is about that."""
+        """Yield remarks on logs whose reference was taken half a sample and more before or after the times of its rows,
+        on average: it is fitted, and no answer tells of it."""
         _, seen = self.best
         for (name, log), (offset, rate) in zip(self.logs.items(), seen.state.clocks.tolist(), strict=True):
             early = offset + rate * (log.t[-1] - log.t[0]) / 2

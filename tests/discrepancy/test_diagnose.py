@@ -80,7 +80,7 @@ def test_a_reference_that_is_early_is_told_and_is_no_effect_of_the_robot():
     (remark,) = (line for line in examined.data["preflight"] if "the reference is" in line)
     assert remark.startswith("a: the reference is ")
     assert " ms early, or all encoders are late by as much" in remark
-    assert float(remark.split()[4]) == pytest.approx(80, abs=3)
+    assert float(remark.split()[4]) == pytest.approx(80, abs=1)
     assert remark in examined.page()
     assert not examined.data["effects"]
 

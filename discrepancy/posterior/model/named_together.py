@@ -109,7 +109,7 @@ def named_together(
             named = tuple(effect for effect in named if effect.candidate.family in families)
             seen = look(named, seen, None)
             continue
-        elif pairs := _pairs(in_model, families) - refused if tried[families] < seen.log_evidence - LOG_ODDS else ():
+        elif tried[families] < seen.log_evidence - LOG_ODDS and not (pairs := _pairs(in_model, families)) <= refused:
             refused |= pairs
             continue
         else:
@@ -256,9 +256,9 @@ def _unlikely(
     return _pairs(before, after)
 
 
-def _pairs(before: Collection[str], after: Collection[str]) -> set[tuple[str, str]]:
+def _pairs(before: frozenset[str], after: frozenset[str]) -> set[tuple[str, str]]:
     """Return the families of effects that come into a model, each with the family of one that leaves it, or ""."""
-    return set(itertools.product(set(before) - set(after) or {""}, set(after) - set(before)))
+    return set(itertools.product(before - after or {""}, after - before))
 
 
 def most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Sequence[Sized]) -> list[Sized]:
@@ -330,11 +330,11 @@ def asked(
 
 def _likeliest(seen: Seen, posterior: Posterior, places: Sequence[Place], in_model: Array) -> list[Cause]:
     """Return the likeliest candidate of the catalogue in each component that is of one in the model, and in the most
-    certain of the others; and what has no name where that is likelier than it and nothing."""
+    certain of the others; and the unnamed alternative in each that is expected, if one is likeliest there."""
     named = np.array([bool(place.candidate.kinds) for place in places])
     best = [int(np.argmax(component.probability * named)) for component in posterior.components]
-    expected = [component.probability for component in posterior.components if component.nothing < 0.5]
-    unnamed = [places[k].candidate for k in map(int, map(np.argmax, expected)) if not named[k]]
+    expected = [int(np.argmax(component.probability)) for component in posterior.components if component.nothing < 0.5]
+    unnamed = [places[k].candidate for k in expected if not named[k]]
     causes = list(dict.fromkeys(places[k].candidate for k in best))
     fitted = [cause for cause in causes if np.any(in_model[seen.columns[cause]])]
     others = [cause for cause in causes if cause not in fitted][:BESIDE]

@@ -160,7 +160,7 @@ def bursts_of(
             by_window, farthest = (np.asarray(of_window, dtype=np.float64) for of_window in sums)
             fewer = (by_window > 0) & (by_window <= farthest)
             likely = probability > 0.5
-            log_odds += _log_odds(*_by_run(likely, probability, by_window))
+            log_odds += _log_odds(*_by_run(likely, probability, np.where(by_window <= farthest, by_window, -by_window)))
             hits.append(fewer & likely)
             parts.append(share[fast & hits[-1][windows[-1]]])
         inside = np.concatenate(parts)
@@ -184,7 +184,7 @@ def bursts_of(
 
 def _by_run(likely: NDArray[np.bool_], active: Array, lost: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Return for each run of windows (W,) in which a fault is likely the largest probability that it is active there,
-    and whether the wheel turned further than its encoder shows: a fault that lasts is one, however long it lasts."""
+    and whether more counts were lost (W,), m, than gained: a fault that lasts is one, however long it lasts."""
     starts = np.flatnonzero(likely & ~np.concatenate([[False], likely[:-1]]))
     if not len(starts):
         return np.zeros(0), np.zeros(0, dtype=bool)

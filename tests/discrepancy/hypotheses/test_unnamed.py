@@ -74,7 +74,7 @@ def test_a_flat_spot_is_not_surely_an_eccentric_wheel():
 
 
 def test_an_encoder_that_reads_too_little_for_a_while_is_told_with_its_times():
-    """0.5 % for 7 s: less than wheels disagree in any of these seconds."""
+    """0.5 % for 7 s, of which a third passes for creep."""
     outside = WeakStretch(castor=2, wheel=1, value=0.005, seed=6)
     first, lasts = np.random.default_rng(outside.seed).uniform((5.0, 4.0), (40.0, 12.0))
     diagnosis = examined("4-castor", outside)
@@ -84,7 +84,7 @@ def test_an_encoder_that_reads_too_little_for_a_while_is_told_with_its_times():
     start, _, end, _ = answer.candidate.what.partition(" from ")[2].split()
     assert abs(float(start) - first) < 1.0
     assert abs(float(end) - min(first + lasts, 40.0)) < 1.0
-    assert -1.0 < answer.size / outside.value < -0.5, "a part of it passes for creep"
+    assert answer.size / outside.value == pytest.approx(-0.68, abs=0.05)
 
 
 def test_counts_that_are_lost_once_are_no_bursts():
