@@ -9,6 +9,7 @@ from discrepancy.discriminating_drive import separating_drives
 from discrepancy.hypotheses.candidates import without
 from discrepancy.posterior.finder import RobotDiagnosis, diagnose, unexamined
 from discrepancy.posterior.linearise import Linearised, linearise
+from discrepancy.posterior.reference import KINDS
 from discrepancy.posterior.verdicts import MATERIAL, Material
 from discrepancy.preflight.undo import Logs, Undone
 from discrepancy.report.examined import Examined, Fit, Replays
@@ -50,7 +51,7 @@ def _fit(diagnosis: RobotDiagnosis, logs: Logs, before: Linearised) -> Fit:
     explained, after = without(diagnosis.found, SampleJitter), None
     if diagnosis.found.effects[len(diagnosis.robot.effects) :]:
         after = linearise(explained, list(logs.values()), creep=diagnosis.creep, among=())
-    nominal, explained = (without(vehicle, ClockSkew) for vehicle in (diagnosis.robot, explained))
+    nominal, explained = (without(vehicle, ClockSkew, *KINDS) for vehicle in (diagnosis.robot, explained))
     try:
         first = _replay(nominal, logs, before)
         replays: Replays | None = first, None if after is None else _replay(explained, logs, after)

@@ -318,9 +318,11 @@ def candidates_of(robot: RobotDescription) -> list[Candidate]:
     return [Candidate(described(kinds[0]), tuple(kinds), len(kinds)) for kinds in found.values()]
 
 
-def without(robot: RobotDescription, kind: type[Effect]) -> RobotDescription:
-    """Return a robot without its effects of this kind."""
-    return dataclasses.replace(robot, effects=tuple(effect for effect in robot.effects if not isinstance(effect, kind)))
+def without(robot: RobotDescription, *kinds: type[Effect]) -> RobotDescription:
+    """Return a robot without its effects of these kinds."""
+    return dataclasses.replace(
+        robot, effects=tuple(effect for effect in robot.effects if not isinstance(effect, kinds))
+    )
 
 
 def differ(first: Geometry, second: Geometry) -> bool:

@@ -9,7 +9,7 @@ that follows from it (`verdicts`).
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Generic
+from typing import Any, Generic, NamedTuple
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -25,6 +25,7 @@ from discrepancy.posterior.model.refit import S, Sized, V, fit_with, with_effect
 from discrepancy.posterior.model.search import Search
 from discrepancy.posterior.other_logs import in_good_order, in_phase
 from discrepancy.posterior.priors import order_of
+from discrepancy.posterior.reference import Shown, reference_answers
 from discrepancy.posterior.variances.events import Released
 from discrepancy.posterior.variances.learned import answer_of, encoders_of
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
@@ -75,6 +76,14 @@ class Diagnosis(Generic[V, S]):
 RobotDiagnosis = Diagnosis[RobotDescription, Linearised]
 
 
+class Usual(NamedTuple):
+    """What clean logs show of a robot, as it was described for them: noise, and the reference."""
+
+    robot: RobotDescription
+    noise: list[dict[str, Found]]
+    reference: Shown
+
+
 @threadpool_limits.wrap(limits=1)  # of linear algebra: small matrices, for which more threads wait for each other
 def diagnose(
     robot: RobotDescription,
@@ -95,7 +104,7 @@ def diagnose(
         good, usual, robot_before = None, None, without(before or robot, SampleJitter)
         if clean:
             good = linearise(robot_before, clean)
-            usual, good = noise_of(good), replace(good, designs=())
+            usual, good = Usual(robot_before, noise_of(good), Shown.by(good)), replace(good, designs=())
         search = Search(without(robot, SampleJitter), logs, held_out, clean, good, material)
         search.run()
         as_before = frozenset[str]() if good is None else in_good_order(robot_before, clean, good, search.named)
@@ -149,16 +158,19 @@ class _HeldOutLogs:
         return linearise(robot, self.logs, among=among, released=self.released, own_clocks=True, **known)
 
 
-def _confirmed(search: Search, usual: list[dict[str, Found]] | None, as_before: frozenset[str]) -> RobotDiagnosis:
+def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -> RobotDiagnosis:
     """Return the diagnosis: what was found, as far as held-out logs confirm it, and clean logs do not show it as large.
-    usual: noise of clean logs; as_before: families that these show (`in_good_order`)."""
+    as_before: families that these show (`in_good_order`)."""
     robot, base, logs, seen, material = search.robot, search.base, search.logs, search.seen, search.material
     held_out = _HeldOutLogs(search)
     after = None if held_out.pair is None else held_out.pair[1]
     beside = search.events.answers(search.found, logs, seen, held_out.confirmed, encoders_of(search.answers))
     beside += [] if search.jittery is None else [search.jittery]
     beside += [] if search.curve is None else [answer_of(robot, search.curve, logs)]
-    beside += noisy_answers(seen, after, usual)
+    if usual is not None:
+        beside += noisy_answers(seen, after, usual.noise)
+        shown = None if after is None else Shown.by(after)
+        beside += reference_answers(robot, usual.robot, logs, seen, shown, usual.reference, search.names)
     called = {name: answer.credible[0] for answer in search.answers for name in answer.alike}
     inclusion = {called.get(name, name): part for name, part in search.posterior.inclusion().items()}
 
@@ -195,6 +207,7 @@ def _with_dimensions(diagnosis: RobotDiagnosis, search: Search, held_out: _HeldO
         return diagnosis
     in_model = {effect.candidate: effect for effect in (*search.begin, *search.named)}
     named, dimensions = diagnosis.sized, {effect.candidate for effect in built}
+    named = [effect for effect in named if effect.candidate in seen.columns]
     certain = {effect.candidate for effect in named}
     others = [in_model.get(effect.candidate, effect) for effect in built if effect.candidate not in certain]
     together = guessed(search.base, search.look, seen, search.good, others, named)

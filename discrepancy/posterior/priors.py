@@ -14,7 +14,7 @@ from castor_envs.motion.rolling import Rolled, roll
 from castor_envs.motion.trajectories import wander
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
-from discrepancy.hypotheses.candidates import candidates_of
+from discrepancy.hypotheses.candidates import Candidate, candidates_of
 from discrepancy.posterior.answers import Cause, Place, Seen
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised, linearise
@@ -50,9 +50,10 @@ ABOUT = 0.3
 
 
 @lru_cache(maxsize=16)
-def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str]]:
+def same_effects(robot: RobotDescription) -> tuple[dict[str, str], dict[str, Array]]:
     """Return the indistinguishable effects of a robot, as the family whose name represents each family; and the
-    families that are unobservable in any log. Forces, as of a slope, are neither: commands show them."""
+    families that are unobservable in any log, each with the place of the tracked point (3,), m, m, rad, that looks the
+    same as a unit of it. Forces, as of a slope, are neither: commands show them."""
     path = wander(np.random.default_rng(0), duration=EXCITING, holonomic=moves_sideways(robot))
     ahead = roll(robot, path)  # some robots turn their wheels one way on it: they come back, too
     back = Rolled(ahead.t, *(joints[::-1] for joints in ahead[1:]))
@@ -65,13 +66,25 @@ def same_effects(robot: RobotDescription) -> tuple[dict[str, str], frozenset[str
     shown = [
         (candidate, k) for candidate, k in single if information[k, k] * candidate.kinds[0].tolerance ** 2 > UNSEEN
     ]
-    unseen = {candidate.family for candidate, _ in single} - {candidate.family for candidate, _ in shown}
+    unseen = [candidate for candidate in seen.candidates if candidate not in dict(shown)]
     stands: dict[str, str] = {}
     for n, (candidate, k) in enumerate(shown):
         for earlier, j in shown[:n]:
             if alike(information, k, j):
                 stands.setdefault(candidate.family, stands.get(earlier.family, earlier.family))
-    return stands, frozenset(unseen)
+    return stands, {candidate.family: _as_mount(seen, candidate) for candidate in unseen}
+
+
+def _as_mount(seen: Linearised, candidate: Candidate) -> Array:
+    """Return the place of the tracked point (3,), m, m, rad, with which logs fit best if a unit of a candidate is not
+    known."""
+    size, shared = candidate.columns + len(seen.shared.creep) + len(seen.shared.mount), seen.shared
+    information, gradient = np.zeros((size, size)), np.zeros((size, 1))
+    for design in seen.designs:
+        information += design.reduce(shared.mount, seen.noise, [candidate]).information
+    shared.add_priors(information, gradient, candidate.columns)
+    nuisances = information[candidate.columns :, candidate.columns :]
+    return np.linalg.solve(nuisances, information[candidate.columns :, 0])[-len(shared.mount) :]
 
 
 def alike(information: Array, first: int, second: int) -> bool:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from castor_envs.effects.clocks import ClockOffset
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.load import Vehicle
 from castor_envs.vehicles.robot import RobotDescription
@@ -118,6 +119,8 @@ class Examined:
         these, *held_out = ((fit.before, fit.after) for fit in seen.values())
         logs = undone.logs, undone.held_out, undone.clean
         on_clocks = [remark for fit in seen.values() for remark in fit.clocks()]
+        if any(isinstance(effect, ClockOffset) for effect in named):
+            on_clocks = []
         data = plain_data.as_data(diagnosis, logs, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
             "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks, *on_clocks],

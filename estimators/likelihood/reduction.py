@@ -36,6 +36,7 @@ class Reduced(NamedTuple):
     Own numbers are those of the reference's clock, and of the gyro.
 
     information (P, P); gradient (P, 1 + probes): of half the sum of squares, then of the same with drawn residuals.
+    with_own: information and gradient of half the sum of squares of the parameters and the log's own numbers.
     log_evidence: returns the log-likelihood of the log with the parameters unchanged, state and own numbers integrated
     out (natural logarithm, up to a constant of the log). finish: maps changes of the parameters (P, 1 + probes) and the
     part of the step that is taken to the changed state and clock, and the remaining residuals. squares: maps any
@@ -45,6 +46,7 @@ class Reduced(NamedTuple):
 
     information: Array
     gradient: Array
+    with_own: tuple[Array, Array]
     log_evidence: Callable[[], float]
     finish: Callable[..., tuple[Array, Array, Leftover]]
     squares: Callable[[Geometry, Array, Array, Array], float]
@@ -117,6 +119,7 @@ def reduced(
     return Reduced(
         (reduced[:, :p] + reduced[:, :p].T) / 2,
         reduced[:, p:],
+        (numbers_block[:, :n], numbers_block[:, n]),
         log_evidence,
         finish,
         squares,

@@ -60,16 +60,11 @@ class Found(NamedTuple):
         return np.asarray(found - found.max())
 
 
-def noisy_answers(
-    seen: Linearised, held_out: Linearised | None, clean: Sequence[dict[str, Found]] | None
-) -> list[Answer]:
+def noisy_answers(seen: Linearised, held_out: Linearised | None, clean: Sequence[dict[str, Found]]) -> list[Answer]:
     """Return the answers that slip, or the reference's errors, are larger at random than in clean logs.
 
-    seen, held_out: statistics beside the named effects. clean: `noise_of` clean logs; without them the usual noise is
-    unknown, and there is no answer.
+    seen, held_out: statistics beside the named effects. clean: `noise_of` clean logs.
     """
-    if clean is None:
-        return []
     logs = [*noise_of(seen), *([] if held_out is None else noise_of(held_out))]
     answers = []
     for kind in KINDS:
