@@ -67,8 +67,9 @@ class Linearised(Seen):
     `cost_of_sizes`, or apparent error for the rate of a clock. masked: as logs show it; as much as predicted, if wheels
     that disagree do not tell. creep: factor of predicted creep under forces. errors: of each log, the difference
     between odometry, with predicted creep, and reference at every reference pose (poses, 3), m and rad. slips (K - 1,
-    w): slips of wheels beyond the predicted ones, m. pulls: what commands say, in each log. designs, disagreements: of
-    each log; empty after `without_designs`."""
+    w): slips of wheels beyond the predicted ones, m; caused (K - 1, rows): creep that the robot's effects cause, as
+    wheels are driven against each other, m. pulls: what commands say, in each log. designs, disagreements: of each log;
+    empty after `without_designs`."""
 
     state: State
     noise: Noise
@@ -79,6 +80,7 @@ class Linearised(Seen):
     disagreements: tuple[Disagreement, ...]
     pulls: tuple[Pull, ...]
     slips: tuple[Array, ...]
+    caused: tuple[Array, ...]
 
     @property
     def gap(self) -> tuple[float, float] | None:
@@ -218,6 +220,7 @@ def linearise(
         disagreements=tuple(disagreements),
         pulls=tuple(pulls),
         slips=beyond,
+        caused=tuple(slipping.by_effects for slipping in slips),
         lasting=np.sort(np.array([columns[candidate][0] for candidate in built], dtype=np.intp)),
     ).at_noise(noise)
 

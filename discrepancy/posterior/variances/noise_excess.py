@@ -9,14 +9,16 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.special import expit, ndtr
 
 from castor_envs.geometry.arrays import Array
 from discrepancy.hypotheses.candidates import Candidate, stacked
-from discrepancy.measurement.design_matrix import PROBES
+from discrepancy.measurement.design_matrix import PROBES, DesignMatrix
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
+from estimators.likelihood.creep_prediction import UNEVEN
 
 SCATTER = 0.2
 """Standard deviation, from log to log, of the logarithm of noise in good order, before clean logs are seen. In seven
@@ -42,8 +44,8 @@ KINDS = {
 }
 """Fields of `Noise`, and what more of each is called."""
 
-REFERENCE = ("position", "heading")
-"""Those of the reference."""
+CONTACTS, REFERENCE = ("along", "across"), ("position", "heading")
+"""Those of slip in proportion to the way, and those of the reference."""
 
 
 class Found(NamedTuple):
@@ -105,17 +107,32 @@ def log_bayes_factor(logs: Sequence[Found], clean: Sequence[Found]) -> float:
 
 def noise_of(seen: Linearised) -> list[dict[str, Found]]:
     """Return the noise of each kind in each log, by all its residuals; none of the reference in a log without one, nor
-    of turning where no motor steers."""
+    of turning where no motor steers.
+
+    Wheels that effects drive against each other creep by `UNEVEN` more or less than predicted: that is no noise.
+    """
     found = []
-    for design in seen.designs:
+    for design, caused in zip(seen.designs, seen.caused, strict=True):
         unchanged = stacked(design.geometry, [])
         noise = replace(seen.noise, **{kind: max(getattr(seen.noise, kind), RESOLVED) for kind in KINDS})
         at = design.geometry, unchanged, np.zeros(0), design.state, design.clock
         reduced = design.model.reduce(*at, seen.shared.mount, noise, PROBES)
         _, _, left = reduced.finish(np.zeros((len(reduced.information), 1 + PROBES)))
         by_kind = {kind: (left.squares.get(kind, 0.0), left.expected.get(kind, 0.0)) for kind in KINDS}
-        found.append({k: Found(getattr(noise, k) ** 2 * s / max(free, 1e-9), free) for k, (s, free) in by_kind.items()})
+        of_log = {k: Found(getattr(noise, k) ** 2 * s / max(free, 1e-9), free) for k, (s, free) in by_kind.items()}
+        for kind in CONTACTS:
+            way, rows = _way(design, kind)
+            doubt = UNEVEN**2 * float(np.sum(caused[:, rows] ** 2)) / max(float(np.sum(way)), 1e-9)
+            of_log[kind] = Found(max(of_log[kind].variance - doubt, 0.0), of_log[kind].freedom)
+        found.append(of_log)
     return found
+
+
+def _way(design: DesignMatrix, kind: str) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the way of each contact in each step (K - 1, rows), 0 of those whose slips are not of this kind; and which
+    are."""
+    rows = (design.model.rows < len(design.geometry.radius)) == (kind == "along")
+    return np.abs(design.model.rolled(design.geometry, design.state)) * rows, rows
 
 
 def _pooled(logs: Sequence[Found]) -> float:
@@ -134,7 +151,6 @@ def _cost(seen: Linearised, kind: str, variance: float) -> Array:
         if kind == "turning":
             way = np.abs(design.model.turned(design.geometry, design.state))
         else:
-            way = np.abs(design.model.rolled(design.geometry, design.state))
-            way *= (design.model.rows < len(design.geometry.radius)) == (kind == "along")
+            way, _ = _way(design, kind)
         slipped.append(random.normal(size=(*way.shape, PROBES)) * np.sqrt(variance * way)[..., None])
     return seen.cost_of_slips(slipped)
