@@ -3,13 +3,14 @@ beside these, from which it begins anew."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
 
 from castor_envs.effects.clocks import SampleJitter
 from castor_envs.effects.contact import ContactCreep, SlipStiffness, SlipStiffnessLateral
+from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, candidates_of, encoder_of
@@ -176,9 +177,16 @@ class Search:
         return self.linearised(with_effects(self.base, named), start=start, among=only, places=extra)
 
     def linearised(self, robot: RobotDescription, **options: Any) -> Linearised:
-        """Return the statistics of the logs as made by a robot; options: of `linearise`."""
-        at = {"creep": self.creep, "released": self.released, "jitter": self.jitter}
-        return linearise(robot, self.logs, **at | options)
+        """Return the statistics of the logs as made by a robot; options: of `linearise`.
+
+        Where shafts are within a backlash has several likely answers, and a fit keeps the one that it begins with: it
+        is begun from the readings, too, and the likelier fit stays.
+        """
+        at = {"creep": self.creep, "released": self.released, "jitter": self.jitter} | options
+        found = linearise(robot, self.logs, **at)
+        if at.get("start") is None or not any(isinstance(effect, PivotBacklash) for effect in robot.effects):
+            return found
+        return max(found, linearise(robot, self.logs, **at | {"start": None}), key=attrgetter("log_evidence"))
 
     def fit(self, effects: Sequence[Sized], among: Sequence[Cause]) -> Linearised | None:
         """Return the statistics beside effects, of these candidates; None if they do not fit at all."""
