@@ -7,8 +7,9 @@ fault has to exceed that. The result is a probability of every name, and a verdi
 that follows from it (`verdicts`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Generic, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from discrepancy.posterior.model.search import Search
 from discrepancy.posterior.other_logs import in_good_order, in_phase
 from discrepancy.posterior.priors import order_of
 from discrepancy.posterior.reference import Shown, reference_answers
-from discrepancy.posterior.variances.events import Released
+from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.learned import answer_of, encoders_of
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
 from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, weakest
@@ -123,8 +124,8 @@ class _HeldOutLogs:
     """Held-out logs, beside the effects in the model, if there are any.
 
     pair: their statistics without and with these effects; lacking: without any learned curve, too. confirmed: the log
-    Bayes factor of each event in them, or None; released: the steps in which contacts slip freely. logs: with their
-    wheels `in_phase`.
+    Bayes factor of each event in them, or None; released: the steps in which contacts slip freely. mended: the
+    statistics with the effects, and with counts lost in bursts (`_mended`). logs: with their wheels `in_phase`.
     """
 
     def __init__(self, search: Search) -> None:
@@ -132,6 +133,7 @@ class _HeldOutLogs:
         self.confirmed: Sequence[float | None] = [None] * len(search.events)
         self.pair: tuple[Linearised, Linearised] | None = None
         self.lacking: Linearised | None = None
+        self.mended: Linearised | None = None
         self.logs = list(search.held_out)
         if not self.logs:
             return
@@ -139,12 +141,14 @@ class _HeldOutLogs:
         among, found = search.among, search.found
         after = self._linearised(found, among)
         after.forget()
+        recurring = search.events
         if len(search.events):
             recurring, confirmed = search.events.in_other_logs(found, self.logs, after)
             self.confirmed, self.released = confirmed, recurring.released(found, self.logs, after)
             after = self._linearised(found, among)
         before = self._linearised(search.base, among) if search.named else after
-        self.pair = before, after
+        self.mended = _mended(found, recurring, self.logs, after, partial(self._linearised, among=(), released=()))
+        self.pair = before, replace(after, errors=self.mended.errors)
         self.lacking = before if search.curve is None else self._linearised(search.robot, (), jitter=0.0)
 
     def beside(self, robot: RobotDescription) -> Linearised:
@@ -154,8 +158,18 @@ class _HeldOutLogs:
         return self._linearised(robot, ())
 
     def _linearised(self, robot: RobotDescription, among: Sequence[Candidate], **options: Any) -> Linearised:
-        known = {"creep": self.search.creep_told, "jitter": self.search.jitter} | options
-        return linearise(robot, self.logs, among=among, released=self.released, own_clocks=True, **known)
+        known = {"creep": self.search.creep_told, "jitter": self.search.jitter, "released": self.released}
+        return linearise(robot, self.logs, among=among, own_clocks=True, **known | options)
+
+
+def _mended(
+    robot: RobotDescription, events: Events, logs: Sequence[Log], seen: Linearised, look: Callable[..., Linearised]
+) -> Linearised:
+    """Return logs linearised with the counts that events lose in bursts, in place of released steps, if they are
+    likelier so; else as `seen`: in such steps other wheels slip, too, and odometry is off as if nothing were known."""
+    lossy = events.lossy(robot, logs, seen)
+    beside = seen if lossy == robot else look(lossy)
+    return beside if beside.log_evidence > seen.log_evidence else seen
 
 
 def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -> RobotDiagnosis:
@@ -164,13 +178,14 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
     robot, base, logs, seen, material = search.robot, search.base, search.logs, search.seen, search.material
     held_out = _HeldOutLogs(search)
     after = None if held_out.pair is None else held_out.pair[1]
+    mended = _mended(search.found, search.events, logs, seen, partial(search.linearised, among=(), released=Released()))
     beside = search.events.answers(search.found, logs, seen, held_out.confirmed, encoders_of(search.answers))
     beside += [] if search.jittery is None else [search.jittery]
     beside += [] if search.curve is None else [answer_of(robot, search.curve, logs)]
     if usual is not None:
-        beside += noisy_answers(seen, after, usual.noise)
-        shown = None if after is None else Shown.by(after)
-        beside += reference_answers(robot, usual.robot, logs, seen, shown, usual.reference, search.names)
+        beside += noisy_answers(mended, held_out.mended, usual.noise)
+        shown = None if held_out.mended is None else Shown.by(held_out.mended)
+        beside += reference_answers(robot, usual.robot, logs, mended, shown, usual.reference, search.names)
     called = {name: answer.credible[0] for answer in search.answers for name in answer.alike}
     inclusion = {called.get(name, name): part for name, part in search.posterior.inclusion().items()}
 
@@ -180,7 +195,7 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
     order = None if after is None else order_of(after, search.good)
     every = [*search.answers, *beside]
     clean_gap = None if search.good is None else search.good.gap
-    own = search.plain, seen
+    own = search.plain, replace(seen, errors=mended.errors)
     answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes, clean_gap, own)
     answers = tuple(
         replace(answer, verdict="negligible", reason=f"the clean logs show {answer.candidate.what} as large")
@@ -192,7 +207,7 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
     inclusion = by_all_logs(inclusion, every, answers)
-    whole, after_all = weakest(answer.verdict for answer in answers), seen.without_designs()
+    whole, after_all = weakest(answer.verdict for answer in answers), own[1].without_designs()
     known = search.creep_told, tuple(held_out.logs), clean_gap
     diagnosis = Diagnosis(robot, whole, answers, inclusion, search.plain, after_all, pair, *known)
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)

@@ -64,6 +64,11 @@ class Events:
         on_patch = slippery.inside(robot, logs, seen, self.patch)
         return [contradicting | sliding for contradicting, sliding in zip(faulty, on_patch, strict=True)]
 
+    def lossy(self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised) -> RobotDescription:
+        """Return a robot whose encoders lose counts in bursts where these rows contradict the others, those whose
+        bursts keep a steady beat."""
+        return lossy(robot, logs, seen, [fault for fault in self.faulty if fault.of_others])
+
     def in_other_logs(
         self, robot: RobotDescription, logs: Sequence[Log], seen: Linearised
     ) -> tuple["Events", list[float]]:
@@ -120,9 +125,7 @@ class Alone:
         faulty = at_times.at_times(logs, seen, clean, (), names)
         if not faulty:
             return None
-        bursts = [bursts_of(robot, logs, seen, fault.row, fault.active) for fault in faulty]
-        steady = [burst.effect for burst in bursts if burst is not None and burst.effect.seed is None]
-        return cls._of(faulty, seen, robot.with_effects(*steady))
+        return cls._of(faulty, seen, lossy(robot, logs, seen, faulty))
 
     @classmethod
     def sliding(
@@ -143,6 +146,15 @@ class Alone:
     @classmethod
     def _of(cls, faulty: Sequence[at_times.Faulty], seen: Linearised, lossy: RobotDescription) -> "Alone":
         return cls(Events(tuple(faulty), looked=True), at_times.steps_of(seen, faulty), lossy)
+
+
+def lossy(
+    robot: RobotDescription, logs: Sequence[Log], seen: Linearised, faulty: Sequence[at_times.Faulty]
+) -> RobotDescription:
+    """Return a robot whose encoders lose counts in bursts where rows contradict the others, those whose bursts keep a
+    steady beat."""
+    bursts = [bursts_of(robot, logs, seen, fault.row, fault.active) for fault in faulty]
+    return robot.with_effects(*(one.effect for one in bursts if one is not None and one.effect.seed is None))
 
 
 def _cost(released: Released, seen: Linearised) -> Array:

@@ -24,6 +24,7 @@ from discrepancy.posterior.variances.noise_excess import (
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
 from estimators.calibration.maximum_likelihood.noise import MOST
+from estimators.likelihood.creep_prediction import UNEVEN
 from tests.estimators.likelihood import test_turning_slip
 
 USUAL = 3e-4
@@ -129,6 +130,19 @@ def test_a_wheel_that_slips_more_as_it_is_steered_than_in_clean_logs_costs_its_s
         noisy_answers(linearise(robot, [test_turning_slip.driven(5, 1e-3, 1e-3)], among=()), None, noise_of(as_usual))
         == []
     )
+
+
+def test_creep_that_effects_cause_is_doubted_and_its_doubt_is_no_noise():
+    seen = linearise(ROBOT, [driven(4, 6e-3)], among=())
+    (plain,) = noise_of(seen)
+    (design,), along = seen.designs, seen.designs[0].model.rows < len(ROBOT.wheels)
+    way = np.abs(design.model.rolled(design.geometry, design.state))
+    caused = 0.02 * np.sqrt(way) * along  # m after 1 m
+    (doubted,) = noise_of(dataclasses.replace(seen, caused=(caused,)))
+    assert plain["along"].variance - doubted["along"].variance == pytest.approx(
+        min((UNEVEN * 0.02) ** 2, plain["along"].variance), rel=1e-6
+    )
+    assert doubted["across"] == plain["across"]
 
 
 def test_a_reference_that_scatters_as_usual_is_no_news():
