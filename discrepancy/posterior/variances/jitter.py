@@ -186,9 +186,15 @@ class Delays(NamedTuple):
 
 
 def delays_of(robot: RobotDescription, log: Log) -> Delays:
-    """Return the delays that all encoders share, in differences of order `ORDER`."""
+    """Return the delays that all encoders share, in differences of order `ORDER`.
+
+    Motors that steer all castors at once, from rest, make their encoders jerk together: where there are wheels that
+    tell, these castors are left out.
+    """
     channels = Channels(robot)
-    counts = np.column_stack([unwrapped(log.pivot, channels.per_rev[: len(channels.sensed)]), log.wheel])
+    steered = channels.geometry.driven[channels.sensed] & (log.wheel.shape[1] > 1)
+    pivots = unwrapped(log.pivot, channels.per_rev[: len(channels.sensed)])[:, ~steered]
+    counts = np.column_stack([pivots, log.wheel])
     if len(log) <= 2 * ORDER:
         return Delays(*[np.zeros(0)] * 4, row=np.zeros(0, dtype=np.intp))
     times = sliding_window_view(log.t, ORDER + 1)

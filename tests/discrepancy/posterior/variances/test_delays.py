@@ -80,3 +80,22 @@ def test_samples_that_are_late_at_some_times_only_are_no_jitter():
     shaken = jitter_of(ROBOT, [log_of(even + 0.001 * np.random.default_rng(1).normal(size=len(even)), even)])
     assert shaken is not None
     assert not shaken.seldom
+
+
+@pytest.mark.parametrize("size", [0.0, 0.004])
+def test_castors_that_motors_turn_at_once_are_read_in_time(size):
+    """A swerve stops every 6 s and turns all castors by a radian, as servos do: fast at once, then more slowly."""
+    robot, even = preset("swerve"), np.arange(0, 60, 0.05)
+    read = even + size * np.random.default_rng(1).normal(size=len(even))
+    fine = np.linspace(-1, 61, 62001)
+    rolled = np.cumsum(8 * np.sin(np.pi * np.clip(fine % 6.0 / 5.0, 0, 1)) ** 2) * (fine[1] - fine[0])
+    turned = np.floor(fine / 6.0) + 1 - np.exp(-np.maximum(fine % 6.0 - 5.0, 0.0) / 0.06)
+    wheel, pivot = (
+        np.tile(np.floor(np.interp(read, fine, angle) * per_rev / (2 * np.pi))[:, None], (1, 4))
+        for angle, per_rev in (
+            (rolled, robot.wheels[0].counts_per_rev),
+            (turned, robot.castors[0].pivot_counts_per_rev),
+        )
+    )
+    found = jitter_of(robot, [Log(even, wheel - wheel[0], pivot % robot.castors[0].pivot_counts_per_rev)])
+    assert (found is None) if size == 0 else found.value == pytest.approx(size, rel=0.15)
