@@ -182,7 +182,7 @@ class Search:
         Where shafts are within a backlash has several likely answers, and a fit keeps the one that it begins with: it
         is begun from the readings, too, and the likelier fit stays.
         """
-        at = {"creep": self.creep, "released": self.released, "jitter": self.jitter} | options
+        at: dict[str, Any] = {"creep": self.creep, "released": self.released, "jitter": self.jitter} | options
         found = linearise(robot, self.logs, **at)
         if at.get("start") is None or not any(isinstance(effect, PivotBacklash) for effect in robot.effects):
             return found

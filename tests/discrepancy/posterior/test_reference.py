@@ -1,6 +1,7 @@
 """A reference that is mounted, or whose clock is set, otherwise than in clean logs."""
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
@@ -134,8 +135,8 @@ def test_the_bayes_factor_is_that_of_the_stated_priors_integrated_numerically():
     change = _Change(known, shown, 1.0)
 
     def mean_over_scatter(density):
-        weight = invgamma(FREEDOM / 2, scale=FREEDOM / 4)
-        return quad(lambda square: weight.pdf(square) * density(np.sqrt(1.3 + 2 * square)), 0.0, 2e3, limit=400)[0]
+        weight = partial(invgamma.pdf, a=FREEDOM / 2, scale=FREEDOM / 4)
+        return quad(lambda square: weight(square) * density(np.sqrt(1.3 + 2 * square)), 0.0, 2e3, limit=400)[0]
 
     def faulty(deviation):
         inside = quad(lambda size: norm.pdf(7.7, size, deviation) * cauchy.pdf(size, scale=FAULT), -40, 60, limit=400)
