@@ -84,8 +84,8 @@ def _as_mount(seen: Linearised, candidate: Candidate) -> Array:
         information += design.reduce(shared.mount, seen.noise, [candidate]).information
     shared.add_priors(information, gradient, candidate.columns)
     nuisances = information[candidate.columns :, candidate.columns :]
-    looks: Array = np.linalg.solve(nuisances, information[candidate.columns :, 0])
-    return looks[-len(shared.mount) :]
+    looks = np.linalg.solve(nuisances, information[candidate.columns :, 0])
+    return np.asarray(looks[-len(shared.mount) :], dtype=np.float64)
 
 
 def alike(information: Array, first: int, second: int) -> bool:

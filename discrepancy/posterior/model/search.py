@@ -186,7 +186,7 @@ class Search:
         found = linearise(robot, self.logs, **at)
         if at.get("start") is None or not any(isinstance(effect, PivotBacklash) for effect in robot.effects):
             return found
-        return max(found, linearise(robot, self.logs, **at | {"start": None}), key=attrgetter("log_evidence"))
+        return max(found, linearise(robot, self.logs, **dict(at, start=None)), key=attrgetter("log_evidence"))
 
     def fit(self, effects: Sequence[Sized], among: Sequence[Cause]) -> Linearised | None:
         """Return the statistics beside effects, of these candidates; None if they do not fit at all."""
