@@ -86,8 +86,9 @@ def as_one_loss(robot: RobotDescription, logs: Sequence[Log], named: Sequence[Si
     found = _either_way(named)
     for effect in found:
         if isinstance(effect.candidate.kinds[0], TickLoss):
-            apart = next(step for loss, step in _at_speeds(robot, logs) if loss.family == effect.candidate.family)
-            found = _refined((*(other for other in found if other is not effect), effect), apart, look)
+            speeds = {loss: step for loss, step in _at_speeds(robot, logs) if loss.family == effect.candidate.family}
+            kept = (other for other in found if other is not effect)
+            found = _refined((*kept, effect), next(iter(speeds.values())), look, list(speeds))
     return found
 
 
@@ -211,9 +212,10 @@ def _proposed(
     return (*kept, loss.moved(change[-1:])), statistics.gain(change)
 
 
-def _refined(effects: Effects, apart: float, look: Look) -> Effects:
+def _refined(effects: Effects, apart: float, look: Look, others: Sequence[Candidate] = ()) -> Effects:
     """Return effects of which the last is a loss above one of several speeds that are so far apart (rad/s), with the
-    speed with which fits are the likeliest."""
+    speed with which fits are the likeliest. others: the same loss above other speeds, of which the best by the linear
+    formula is compared with it, too."""
     *kept, loss = effects
     (kind,) = loss.candidate.kinds
     assert isinstance(kind, TickLoss)
@@ -224,6 +226,9 @@ def _refined(effects: Effects, apart: float, look: Look) -> Effects:
         return -math.inf if seen is None else seen.log_evidence, speed, proposed
 
     best, step = above(kind.above), apart / 2
+    if others and (seen := look(kept, others)) is not None and seen.candidates:
+        (likeliest,) = max(seen.candidates, key=lambda one: by_formula(one, seen)[1]).kinds
+        best = max(best, above(likeliest.above), key=itemgetter(0))
     for _ in range(HALVINGS):
         best = max(best, above(best[1] - step), above(best[1] + step), key=itemgetter(0))
         step /= 2

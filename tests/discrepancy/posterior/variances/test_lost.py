@@ -96,6 +96,21 @@ def test_a_loss_above_another_speed_than_the_catalogue_s_is_one_loss():
     assert answer.effect.above == pytest.approx(loss.above, rel=0.02)
 
 
+def test_a_loss_far_below_the_catalogue_s_speed_is_refined_from_the_best_of_all_speeds():
+    """From 5 rad/s a search by halves ends at 4.2, with a loss that is too large."""
+    robot = preset("asoc-prototype")
+    loss = TickLoss(castor=2, wheel=1, value=0.048, above=2.2, direction="backward")
+    logs = [drive(robot.with_effects(loss), wander(np.random.default_rng([17, 1]), duration=20.0), 1, duration=20.0)]
+    catalogue = replace(loss, above=5.0)
+
+    def look(effects, among):
+        return linearise(with_effects(robot, effects), logs, among=among)
+
+    (found,) = as_one_loss(robot, logs, [Sized(Candidate(described(catalogue), (catalogue,)), np.array([0.05]))], look)
+    assert isinstance(found.effect, TickLoss)
+    assert found.effect.above == pytest.approx(loss.above, rel=0.1)
+
+
 def test_losses_of_a_wheel_forward_and_backward_are_one():
     robot = preset("asoc-prototype")
     loss = TickLoss(castor=2, wheel=1, value=0.02, above=6.4, direction="both")
