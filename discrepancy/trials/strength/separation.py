@@ -53,8 +53,8 @@ LEAST = 1e-6
 """Standard deviations: an effect whose signal at its step's size is smaller is unobservable."""
 
 FITTED_ANYWAY = frozenset(("all_latency", "clock_offset", "reference_yaw", "reference_lever_x", "reference_lever_y"))
-"""Effects that are nuisances: of an offset of all clocks only the ends of the log remain, of the tracked point
-nothing."""
+"""Effects that are nuisances, which a log alone does not tell: of an offset of all clocks only the ends of the log
+remain, of the tracked point nothing."""
 
 
 class StrengthMetric:
