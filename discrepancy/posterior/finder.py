@@ -16,6 +16,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from castor_envs.effects.clocks import SampleJitter
+from castor_envs.effects.encoders import TickLossBursts
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
@@ -148,7 +149,7 @@ class _HeldOutLogs:
             after = self._linearised(found, among)
         before = self._linearised(search.base, among) if search.named else after
         self.mended = _mended(found, recurring, self.logs, after, partial(self._linearised, among=(), released=()))
-        self.pair = before, replace(after, errors=self.mended.errors)
+        self.pair = before, after
         self.lacking = before if search.curve is None else self._linearised(search.robot, (), jitter=0.0)
 
     def beside(self, robot: RobotDescription) -> Linearised:
@@ -195,19 +196,23 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
     order = None if after is None else order_of(after, search.good)
     every = [*search.answers, *beside]
     clean_gap = None if search.good is None else search.good.gap
-    own = search.plain, replace(seen, errors=mended.errors)
-    answers = judged(every, search.named, held_out.pair, order, material, with_other_sizes, clean_gap, own)
+    own, others = (search.plain, replace(seen, errors=mended.errors)), None
+    if held_out.pair is not None and held_out.mended is not None:
+        others = held_out.pair[0], replace(held_out.pair[1], errors=held_out.mended.errors)
+    answers = judged(every, search.named, others, order, material, with_other_sizes, clean_gap, own)
     answers = tuple(
         replace(answer, verdict="negligible", reason=f"the clean logs show {answer.candidate.what} as large")
         if answer.candidate.family in as_before
         else answer
         for answer in answers
     )
+    lossy = any(answer.verdict == "named" and isinstance(answer.effect, TickLossBursts) for answer in answers)
+    after_own, after = own[1] if lossy else seen, after if others is None or not lossy else others[1]
     pair = None
     if held_out.lacking is not None and after is not None:
         pair = held_out.lacking.without_designs(), after.without_designs()
     inclusion = by_all_logs(inclusion, every, answers)
-    whole, after_all = weakest(answer.verdict for answer in answers), own[1].without_designs()
+    whole, after_all = weakest(answer.verdict for answer in answers), after_own.without_designs()
     known = search.creep_told, tuple(held_out.logs), clean_gap
     diagnosis = Diagnosis(robot, whole, answers, inclusion, search.plain, after_all, pair, *known)
     return diagnosis if pair is None else _with_dimensions(diagnosis, search, held_out)
