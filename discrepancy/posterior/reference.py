@@ -34,6 +34,9 @@ KINDS: tuple[type[Effect[RobotDescription]], ...] = (ReferenceLeverX, ReferenceL
 SCATTERS = np.geomspace(0.1, 1e4, 120)
 """Standard deviations from log to log that are considered, in tolerances: even in their logarithm."""
 
+POSES = np.array([1, 1, 1, TIMED])
+"""Reference poses of a log from which on it tells each of them."""
+
 UNKNOWN = 1e6
 """Standard deviation, in tolerances, of what a log does not tell."""
 
@@ -59,8 +62,7 @@ class Shown:
             covariance = np.linalg.inv(information)
             numbers = np.append(mount, design.clock[0]) - (covariance @ gradient)[: len(KINDS)]
             sizes[log], variances[log] = numbers, np.diag(covariance)[: len(KINDS)]
-            timed = np.array([0, 0, 0, TIMED])
-            variances[log, design.model.poses_used < np.maximum(timed, 1)] = np.inf
+            variances[log, design.model.poses_used < POSES] = np.inf
         return cls(sizes, variances)
 
     def of(self, k: int) -> tuple[Array, Array]:

@@ -67,7 +67,7 @@ class Fit:
 
     def clocks(self) -> Iterator[str]:
         """Yield remarks on logs whose reference was taken half a sample and more before or after the times of its rows,
-        on average: it is fitted, and no answer tells of it."""
+        on average: it is fitted, and clean logs alone make an answer of it."""
         _, seen = self.best
         for (name, log), (offset, rate) in zip(self.logs.items(), seen.state.clocks.tolist(), strict=True):
             early = offset + rate * (log.t[-1] - log.t[0]) / 2
@@ -118,9 +118,8 @@ class Examined:
         named = diagnosis.found.effects[len(diagnosis.robot.effects) :]
         these, *held_out = ((fit.before, fit.after) for fit in seen.values())
         logs = undone.logs, undone.held_out, undone.clean
-        on_clocks = [remark for fit in seen.values() for remark in fit.clocks()]
-        if any(isinstance(effect, ClockOffset) for effect in named):
-            on_clocks = []
+        told = any(isinstance(effect, ClockOffset) for effect in named)
+        on_clocks = [] if told else [remark for fit in seen.values() for remark in fit.clocks()]
         data = plain_data.as_data(diagnosis, logs, these, next(iter(held_out), None), checked.mistakes) | {
             "robot_hash": described.hash(),
             "preflight": [*(mistake.what for mistake in checked.mistakes), *checked.remarks, *on_clocks],

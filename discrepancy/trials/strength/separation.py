@@ -35,6 +35,7 @@ from castor_envs.motion.kinematics import Geometry
 from castor_envs.physics.contact_motion import ContactMotion
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
+from discrepancy.posterior.reference import KINDS
 from discrepancy.trials.hidden import Hidden, catalogued, class_of, outside_in
 from discrepancy.trials.reading import angles_of, counts_of
 from discrepancy.trials.strength.whitening import Layout, NoiseModel, Whitening, steps_left
@@ -52,7 +53,7 @@ MOUNT_STEPS = 4
 LEAST = 1e-6
 """Standard deviations: an effect whose signal at its step's size is smaller is unobservable."""
 
-FITTED_ANYWAY = frozenset(("all_latency", "clock_offset", "reference_yaw", "reference_lever_x", "reference_lever_y"))
+FITTED_ANYWAY = frozenset(name for kind in KINDS for name in (kind.name, *kind.indistinguishable_from))
 """Effects that are nuisances, which a log alone does not tell: of an offset of all clocks only the ends of the log
 remain, of the tracked point nothing."""
 

@@ -98,4 +98,4 @@ def test_castors_that_motors_turn_at_once_are_read_in_time(size):
         )
     )
     found = jitter_of(robot, [Log(even, wheel - wheel[0], pivot % robot.castors[0].pivot_counts_per_rev)])
-    assert (0.0 if found is None else found.value) == pytest.approx(size, rel=0.15)
+    assert (0.0 if found is None else found.value) == pytest.approx(size, rel=0.05)
