@@ -31,7 +31,16 @@ from discrepancy.posterior.reference import Shown, reference_answers
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.learned import answer_of, encoders_of
 from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
-from discrepancy.posterior.verdicts import MATERIAL, Material, by_all_logs, gap_grows, gap_shrinks, judged, weakest
+from discrepancy.posterior.verdicts import (
+    MATERIAL,
+    Material,
+    by_all_logs,
+    gap_grows,
+    gap_shrinks,
+    judged,
+    negligible,
+    weakest,
+)
 from discrepancy.validation.sufficient import check_seen, must_fit
 
 
@@ -201,7 +210,7 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
         others = held_out.pair[0], replace(held_out.pair[1], errors=held_out.mended.errors)
     answers = judged(every, search.named, others, order, material, with_other_sizes, clean_gap, own)
     answers = tuple(
-        replace(answer, verdict="negligible", reason=f"the clean logs show {answer.candidate.what} as large")
+        negligible(answer, f"the clean logs show {answer.candidate.what} as large")
         if answer.candidate.family in as_before
         else answer
         for answer in answers

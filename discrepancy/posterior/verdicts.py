@@ -62,7 +62,9 @@ def judged(
         answers = [kept.updated(answer) for answer in answers if not kept.contradict(answer)]
     verdicts = [_judgement(answer, kept, material) for answer in answers]
     told = [
-        dataclasses.replace(answer, verdict=verdict, reason=reason)
+        negligible(answer, reason)
+        if verdict == "negligible"
+        else dataclasses.replace(answer, verdict=verdict, reason=reason)
         for answer, (verdict, reason) in zip(answers, verdicts, strict=True)
     ]
     unexplained = max((_price(answer, material) for answer in told if answer.verdict == "unexplained"), default=0.0)
@@ -74,8 +76,19 @@ def judged(
     )
 
 
+def negligible(answer: Answer, reason: str) -> Answer:
+    """Return an answer on what does not matter, or was there before, told by `reason`.
+
+    Probabilities are those of effects that are missing and matter. This verdict holds if an effect does neither with a
+    probability of `CREDIBLE`, so that at most the rest of its probability stays.
+    """
+    kept = {name: (1 - CREDIBLE) * part for name, part in answer.probabilities.items() if name != "nothing"}
+    probabilities = kept | {"nothing": 1 - sum(kept.values())}
+    return dataclasses.replace(answer, probabilities=probabilities, verdict="negligible", reason=reason)
+
+
 def by_all_logs(inclusion: Mapping[str, float], before: Sequence[Answer], after: Sequence[Answer]) -> dict[str, float]:
-    """Return the probability of every name to be among the missing effects by all logs, the largest first.
+    """Return the probability of every name to be among the missing effects that matter, by all logs, the largest first.
 
     inclusion: that by the logs without the held-out ones; before, after: answers before and after these judged them. A
     name that they contradict has none.
@@ -83,6 +96,8 @@ def by_all_logs(inclusion: Mapping[str, float], before: Sequence[Answer], after:
     told = [answer.candidate for answer in after]
     denied = {name for answer in before if answer.candidate not in told for name in answer.credible}
     found = {name: part for name, part in inclusion.items() if name not in denied}
+    trifles = [answer for answer in after if answer.verdict == "negligible"]
+    found |= {name: part for answer in trifles for name, part in answer.probabilities.items() if name in found}
     found |= {name: answer.probabilities[name] for answer in after for name in answer.credible[:1]}
     return dict(sorted(found.items(), key=lambda entry: -entry[1]))
 

@@ -82,6 +82,18 @@ def test_an_effect_that_costs_less_than_matters_is_negligible_whatever_held_out_
     assert verdict(seen(0.0, None), seen(-500.0, None), Material(1.0, 1.0)) == "negligible"
 
 
+def test_what_does_not_matter_is_hardly_among_what_is_missing():
+    """Probabilities are of what is missing and matters; that this costs less is 95 % certain."""
+    either = dataclasses.replace(
+        ANSWER, probabilities={"radius": 0.9, "track": 0.08, "nothing": 0.02}, credible=("radius", "track")
+    )
+    (answer,) = judged([either], [Sized(CAUSE, ANSWER.amplitudes)], None, None, Material(1.0, 1.0))
+    assert answer.verdict == "negligible"
+    assert answer.probabilities == pytest.approx({"radius": 0.045, "track": 0.004, "nothing": 0.951})
+    inclusion = by_all_logs({"radius": 0.9, "track": 0.08, "offset": 0.01}, [either], [answer])
+    assert inclusion == pytest.approx({"radius": 0.045, "offset": 0.01, "track": 0.004})
+
+
 def test_an_uncertain_size_is_no_excuse_for_a_larger_gap():
     unsure = dataclasses.replace(ANSWER, covariance=np.array([[1e-4]]))
     without, with_named = seen(0.0, (64e-3, 5e-3)), seen(500.0, (99e-3, 5e-3))
