@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from castor_envs.effects.catalogue import catalogue, gyro_gain_of
+from castor_envs.effects.clocks import AllLatency, EncoderLatency
 from castor_envs.effects.encoders import PivotEccentricity
 from castor_envs.effects.floor import Bump
 from castor_envs.effects.parts import channel
@@ -195,6 +196,8 @@ def signatures_of(
     counts = state[:, 3 : 3 + len(channels.names)]
     plain = {0.0: channels.read(robot, log, counts)}
     rows = np.arange(len(counts))[:, None]
+    # of both neighbours: by one of them alone a delay would average noise, and logs would seem likelier with it
+    rate = np.gradient(counts, log.t, axis=0)
 
     def added(changed: RobotDescription, dithers: Array) -> Array:
         """Return the excess of the readings, averaged over dithers, at the times of what late encoders read: as the
@@ -227,6 +230,10 @@ def signatures_of(
         if rate_of(candidate.kinds) or gyro_scale_of(candidate.kinds):
             measured = log.reference if rate_of(candidate.kinds) else log.gyro
             unread += [candidate] if measured is not None else []
+            continue
+        if isinstance(kind, EncoderLatency | AllLatency):
+            late = channels.latencies(robot.as_described().with_effects(kind)) / kind.value
+            read.append(misreading(candidate, -(late * rate)[..., None]))
             continue
         try:
             changed = [robot.with_effects(effect) for effect in candidate.kinds]

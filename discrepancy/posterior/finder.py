@@ -21,8 +21,9 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, without
 from discrepancy.posterior.answers import Answer, Verdict
+from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, guessed
+from discrepancy.posterior.model.dimensions import Dimension, dimensions_of, either_of, guessed
 from discrepancy.posterior.model.refit import S, Sized, V, fit_with, with_effects
 from discrepancy.posterior.model.search import Search
 from discrepancy.posterior.other_logs import in_good_order, in_phase
@@ -228,28 +229,37 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
 
 
 def _with_dimensions(diagnosis: RobotDiagnosis, search: Search, held_out: _HeldOutLogs) -> RobotDiagnosis:
-    """Return a diagnosis with the dimensions as they are guessed together, and sizes of named ones beside these, if any
-    is in a credible set and the guess shrinks the gap of held-out logs."""
+    """Return a diagnosis with the dimensions as they are guessed together, and sizes of named ones beside these, if the
+    guess shrinks the gap of held-out logs, and if any dimension is in a credible set, or all together are as likely off
+    as what is in one; where nothing else that matters is missing, they are an answer then."""
     seen, material = search.seen, search.material
-    built = dimensions_of(search.robot, seen)
-    if not any(effect.candidate.family in answer.credible for effect in built for answer in diagnosis.answers):
+    built, in_model = dimensions_of(search.robot, seen), (*search.begin, *search.named)
+    named = [effect for effect in diagnosis.sized if effect.candidate in seen.columns]
+    certain, sizes = {effect.candidate for effect in named}, {effect.candidate: effect for effect in in_model}
+    others = [sizes.get(effect.candidate, effect) for effect in built if effect.candidate not in certain]
+    guess = guessed(search.base, search.look, seen, search.good, others, named)
+    if guess is None:
         return diagnosis
-    in_model = {effect.candidate: effect for effect in (*search.begin, *search.named)}
-    named, dimensions = diagnosis.sized, {effect.candidate for effect in built}
-    named = [effect for effect in named if effect.candidate in seen.columns]
-    certain = {effect.candidate for effect in named}
-    others = [in_model.get(effect.candidate, effect) for effect in built if effect.candidate not in certain]
-    together = guessed(search.base, search.look, seen, search.good, others, named)
-    if not together:
+    told, log_odds = (
+        tuple(one for one in guess.dimensions if one.matters(seen, material)),
+        guess.log_factor + search.odds,
+    )
+    answered = any(effect.candidate.family in answer.credible for effect in built for answer in diagnosis.answers)
+    if not answered and (log_odds < LOG_ODDS or not told):
         return diagnosis
-    sizes = {one.sized.candidate: one for one in together[len(others) :] if one.sized.candidate in dimensions}
+    dimensions = {effect.candidate for effect in built}
+    beside = {one.sized.candidate: one for one in guess.named if one.sized.candidate in dimensions}
     answers = [
         answer
-        if (one := sizes.get(answer.candidate)) is None
+        if (one := beside.get(answer.candidate)) is None
         else replace(answer, amplitudes=one.sized.amplitudes, covariance=np.diag(one.error**2))
         for answer in diagnosis.answers
     ]
-    dimensions_told = tuple(one for one in together[: len(others)] if one.matters(seen, material))
-    changed = replace(diagnosis, answers=tuple(answers), dimensions=dimensions_told)
+    inclusion = diagnosis.inclusion
+    if not answered and all(answer.verdict == "negligible" for answer in answers):
+        answers.append(either_of(told, seen, log_odds))
+        inclusion = inclusion | {name: answers[-1].probabilities[name] for name in answers[-1].credible}
+    whole = weakest(answer.verdict for answer in answers)
+    changed = replace(diagnosis, verdict=whole, answers=tuple(answers), inclusion=inclusion, dimensions=told)
     pair = held_out.beside(diagnosis.found), held_out.beside(changed.found)
     return changed if gap_shrinks(*pair, material) and not gap_grows(*pair, material) else diagnosis

@@ -77,11 +77,13 @@ class Channels:
         return counts + self.undelayed(robot, log, seen - self.read(robot, log, counts))
 
     def undelayed(self, robot: RobotDescription, log: Log, excess: Array) -> Array:
-        """Return an excess of readings (K, s + d), of late encoders at the times of what they read."""
-        excess = excess.copy()
+        """Return an excess of readings (K, s + d), of late encoders at the times of what they read, to the nearest
+        sample: between samples the noise of two would be averaged, and logs would seem likelier if encoders were late
+        by half a period."""
+        excess, half_way = excess.copy(), (log.t[1:] + log.t[:-1]) / 2
         for column, latency in enumerate(self.latencies(robot)):
             if latency:
-                excess[:, column] = np.interp(log.t + latency, log.t, excess[:, column])
+                excess[:, column] = excess[np.searchsorted(half_way, log.t + latency), column]
         return excess
 
     def backlashes(self, robot: RobotDescription) -> list[tuple[int, PivotBacklash]]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from castor_envs.effects.clocks import AllLatency
 from castor_envs.effects.encoders import PivotBacklash
 from castor_envs.logs.log import Log
 from castor_envs.vehicles.presets import preset
@@ -47,3 +48,17 @@ def test_a_shaft_that_is_held_is_as_free_as_it_is_far_within_the_backlash():
 def test_without_a_backlash_every_reading_follows():
     channels, log, counts = turned_there_and_back()
     assert not channels.play(ROBOT, log, counts, held=False).any()
+
+
+@pytest.mark.parametrize("periods", [0.3, 0.45, 1.0, 1.7])
+def test_noise_of_a_late_encoder_is_moved_and_not_averaged(periods):
+    """Half of the noise of two neighbours each has half the variance: logs would be likelier with encoders late by half
+    a period."""
+    noise = np.random.default_rng(1).normal(size=(2000, 9))
+    t = np.arange(2000) * 0.05
+    robot = preset("asoc-prototype")
+    moved = Channels(robot).undelayed(
+        robot.with_effects(AllLatency(value=0.05 * periods)), Log(t, noise[:, 3:], noise[:, :3]), noise
+    )
+    assert np.var(moved) == pytest.approx(np.var(noise), rel=0.01)
+    assert moved[:-3] == pytest.approx(noise[round(periods) : len(noise) - 3 + round(periods)])
