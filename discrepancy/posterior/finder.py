@@ -31,7 +31,7 @@ from discrepancy.posterior.priors import order_of
 from discrepancy.posterior.reference import Shown, reference_answers
 from discrepancy.posterior.variances.events import Events, Released
 from discrepancy.posterior.variances.learned import answer_of, encoders_of
-from discrepancy.posterior.variances.noise_excess import Found, noise_of, noisy_answers
+from discrepancy.posterior.variances.noise_excess import noisy_answers
 from discrepancy.posterior.verdicts import (
     MATERIAL,
     Material,
@@ -89,10 +89,10 @@ RobotDiagnosis = Diagnosis[RobotDescription, Linearised]
 
 
 class Usual(NamedTuple):
-    """What clean logs show of a robot, as it was described for them: noise, and the reference."""
+    """What clean logs show of a robot, as it was described for them: their statistics, and the reference."""
 
     robot: RobotDescription
-    noise: list[dict[str, Found]]
+    seen: Linearised
     reference: Shown
 
 
@@ -116,7 +116,8 @@ def diagnose(
         good, usual, robot_before = None, None, without(before or robot, SampleJitter)
         if clean:
             good = linearise(robot_before, clean)
-            usual, good = Usual(robot_before, noise_of(good), Shown.by(good)), replace(good, designs=())
+            usual, good = Usual(robot_before, good, Shown.by(good)), replace(good, designs=())
+            usual.seen.forget()
         search = Search(without(robot, SampleJitter), logs, held_out, clean, good, material)
         search.run()
         as_before = frozenset[str]() if good is None else in_good_order(robot_before, clean, good, search.named)
@@ -194,7 +195,7 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
     beside += [] if search.jittery is None else [search.jittery]
     beside += [] if search.curve is None else [answer_of(robot, search.curve, logs)]
     if usual is not None:
-        beside += noisy_answers(mended, held_out.mended, usual.noise)
+        beside += noisy_answers(mended, held_out.mended, usual.seen)
         shown = None if held_out.mended is None else Shown.by(held_out.mended)
         beside += reference_answers(robot, usual.robot, logs, mended, shown, usual.reference, search.names)
     called = {name: answer.credible[0] for answer in search.answers for name in answer.alike}

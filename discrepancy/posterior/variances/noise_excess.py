@@ -6,7 +6,7 @@ log, about a level and with a scatter that clean logs tell. A fault outside the 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,13 @@ KINDS = {
 }
 """Fields of `Noise`, and what more of each is called."""
 
+FARTHEST, STEPS = 8.0, 9
+"""Factor on the noise found, up and down, within which the other noise is fitted, and at how many levels."""
+
+OTHERS, ROUGHLY = (-2.5, 2.5), {"xatol": 0.3}
+"""Natural logarithm of the factors on the other noise, and how exact the likeliest is: log-likelihoods are within 0.2
+of the largest."""
+
 CONTACTS, REFERENCE = ("along", "across"), ("position", "heading")
 """Those of slip in proportion to the way, and those of the reference."""
 
@@ -62,25 +69,69 @@ class Found(NamedTuple):
         return np.asarray(found - found.max())
 
 
-def noisy_answers(seen: Linearised, held_out: Linearised | None, clean: Sequence[dict[str, Found]]) -> list[Answer]:
+class Profile(NamedTuple):
+    """Log-likelihood of the levels `LEVEL` of one kind of noise in one log, up to a constant, with the other noise as
+    likely as it can be."""
+
+    log_likelihood: Array
+
+
+def noisy_answers(seen: Linearised, held_out: Linearised | None, clean: Linearised) -> list[Answer]:
     """Return the answers that slip, or the reference's errors, are larger at random than in clean logs.
 
-    seen, held_out: statistics beside the named effects. clean: `noise_of` clean logs.
+    seen, held_out: statistics beside the named effects; clean: of clean logs.
     """
-    logs = [*noise_of(seen), *([] if held_out is None else noise_of(held_out))]
-    answers = []
+    several, answers = [seen, *([] if held_out is None else [held_out])], []
+    every, usual = [noise for logs in several for noise in noise_of(logs)], noise_of(clean)
     for kind in KINDS:
-        found, good = [log[kind] for log in logs], [log[kind] for log in clean]
-        probability = float(expit(log_bayes_factor(found, good) + prior_log_odds(1)))
+        found, good = [log[kind] for log in every], [log[kind] for log in usual]
+        if _probability(found, good) < CREDIBLE:
+            continue
+        profiles = [log for logs in several for log in profiles_of(logs, kind)]
+        if _probability(profiles, good) < CREDIBLE:
+            continue
+        probability = _probability(profiles, profiles_of(clean, kind))
         if probability >= CREDIBLE:
-            variance, usual = _pooled(found), _pooled(good)
-            noise, cost = float(np.sqrt(variance)), _cost(seen, kind, max(variance - usual, 0.0))
-            candidate = Candidate(KINDS[kind].format(f"{noise / max(np.sqrt(usual), RESOLVED):.2g}"))
+            variance, usually = _pooled(found), _pooled(good)
+            noise, cost = float(np.sqrt(variance)), _cost(seen, kind, max(variance - usually, 0.0))
+            candidate = Candidate(KINDS[kind].format(f"{noise / max(np.sqrt(usually), RESOLVED):.2g}"))
             answers.append(Answer.judged_apart(candidate, probability, noise, 0.0, cost))
     return answers
 
 
-def log_bayes_factor(logs: Sequence[Found], clean: Sequence[Found]) -> float:
+def _probability(logs: Sequence[Found | Profile], clean: Sequence[Found | Profile]) -> float:
+    return float(expit(log_bayes_factor(logs, clean) + prior_log_odds(1)))
+
+
+def profiles_of(seen: Linearised, kind: str) -> list[Profile]:
+    """Return the log-likelihood of one kind of noise in each log, whatever the other noise is.
+
+    Few poses hardly tell whether wheels slipped or the tracker was off: each explains what the other leaves. With slip
+    as large as in clean logs, errors of the reference may be as small. The noise of contacts, or that of the reference,
+    if `kind` is of contacts, is multiplied by the factor with which a log is likeliest.
+    """
+    from scipy.interpolate import PchipInterpolator  # slow to import
+    from scipy.optimize import minimize_scalar
+
+    others = [other for other in KINDS if (other in REFERENCE) != (kind in REFERENCE)]
+    fitted = {name: max(getattr(seen.noise, name), RESOLVED) for name in KINDS}
+    steps = fitted[kind] * np.geomspace(1 / FARTHEST, FARTHEST, STEPS)
+    levels, profiles = np.unique([RESOLVED, *np.maximum(steps, RESOLVED)]), []
+    for design in seen.designs:
+        at = design.geometry, stacked(design.geometry, []), np.zeros(0), design.state, design.clock
+
+        def less_likely(log_factor: float, size: float, design: DesignMatrix = design, at: Any = at) -> float:
+            factor = float(np.exp(log_factor)) if design.model.poses else 1.0
+            sizes = {other: factor * fitted[other] for other in others} | {kind: size}
+            return -design.model.reduce(*at, seen.shared.mount, replace(seen.noise, **sizes)).log_evidence()
+
+        likely = [-minimize_scalar(less_likely, bounds=OTHERS, args=(size,), options=ROUGHLY).fun for size in levels]
+        profile = PchipInterpolator(np.log(levels), likely)(np.clip(LEVEL, *np.log(levels[[0, -1]])))
+        profiles.append(Profile(profile - profile.max()))
+    return profiles
+
+
+def log_bayes_factor(logs: Sequence[Found | Profile], clean: Sequence[Found | Profile]) -> float:
     """Return the log Bayes factor (natural logarithm) that a fault raises the level of noise above that of clean logs.
 
     The scatter's variance has an inverse gamma prior about `SCATTER`, with `FREEDOM` degrees of freedom; the level is

@@ -20,6 +20,7 @@ from discrepancy.posterior.variances.noise_excess import (
     log_bayes_factor,
     noise_of,
     noisy_answers,
+    profiles_of,
 )
 from discrepancy.trials.pymunk_generator import drive
 from discrepancy.trials.reading import Noise
@@ -102,7 +103,7 @@ def driven(seed, size=1e-3, turned=1e-3):
 
 @cache
 def usual():
-    return noise_of(linearise(ROBOT, [driven(seed) for seed in (1, 2, 3)], among=()))
+    return linearise(ROBOT, [driven(seed) for seed in (1, 2, 3)], among=())
 
 
 @pytest.mark.parametrize(("kind", "noise"), [("position", (6e-3, 1e-3)), ("heading", (1e-3, 6e-3))])
@@ -122,14 +123,12 @@ def test_a_wheel_that_slips_more_as_it_is_steered_than_in_clean_logs_costs_its_s
         for seeds, turning in (((1, 2, 3), 1e-3), ((4,), 8e-3))
     )
     as_usual, more = (linearise(robot, logs, among=()) for logs in (clean, faulty))
-    (answer,) = noisy_answers(more, None, noise_of(as_usual))
+    (answer,) = noisy_answers(more, None, as_usual)
     assert answer.credible[0].startswith(KINDS["turning"].partition("{}")[0])
     assert answer.size == pytest.approx(8e-3, rel=0.2)
     assert answer.size * answer.cost[0] > 1e-3
-    assert (
-        noisy_answers(linearise(robot, [test_turning_slip.driven(5, 1e-3, 1e-3)], among=()), None, noise_of(as_usual))
-        == []
-    )
+    as_clean = linearise(robot, [test_turning_slip.driven(5, 1e-3, 1e-3)], among=())
+    assert noisy_answers(as_clean, None, as_usual) == []
 
 
 def test_creep_that_effects_cause_is_doubted_and_its_doubt_is_no_noise():
@@ -183,3 +182,16 @@ def test_wheels_that_slip_as_usual_or_without_clean_logs_to_compare_are_no_news(
     assert diagnose(ROBOT, [slipping(4, 2e-3)], [], clean).verdict == "no discrepancy"
     alone = diagnose(ROBOT, [slipping(4, 2e-3)])
     assert not any("less regularly" in answer.credible[0] for answer in alone.answers)
+
+
+@pytest.mark.parametrize("kind", ["position", "across"])
+def test_what_other_noise_may_explain_is_less_certain(kind):
+    """That noise is lower than found is as likely at least with the other noise as likely as it can be, and much more so
+    where it is much lower: the other noise takes over."""
+    seen = linearise(ROBOT, [driven(4)], among=())
+    (noise,) = noise_of(seen)
+    (profile,) = profiles_of(seen, kind)
+    lower = np.log(noise[kind].variance) / 2 - LEVEL
+    near = (lower > 0) & (lower < 1.0)
+    assert np.all(profile.log_likelihood[near] > noise[kind].log_likelihood[near] - 1)
+    assert profile.log_likelihood[0] > noise[kind].log_likelihood[0] / 3
