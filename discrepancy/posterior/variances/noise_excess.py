@@ -6,7 +6,7 @@ log, about a level and with a scatter that clean logs tell. A fault outside the 
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
 from estimators.likelihood.creep_prediction import UNEVEN
+from estimators.likelihood.log_likelihood import Noise
 
 SCATTER = 0.2
 """Standard deviation, from log to log, of the logarithm of noise in good order, before clean logs are seen. In seven
@@ -47,7 +48,7 @@ KINDS = {
 FARTHEST, STEPS = 8.0, 9
 """Factor on the noise found, up and down, within which the other noise is fitted, and at how many levels."""
 
-OTHERS, ROUGHLY = (-2.5, 2.5), {"xatol": 0.3}
+OTHERS, ROUGHLY = (-2.5, 2.5), 0.3
 """Natural logarithm of the factors on the other noise, and how exact the likeliest is: log-likelihoods are within 0.2
 of the largest."""
 
@@ -111,24 +112,32 @@ def profiles_of(seen: Linearised, kind: str) -> list[Profile]:
     if `kind` is of contacts, is multiplied by the factor with which a log is likeliest.
     """
     from scipy.interpolate import PchipInterpolator  # slow to import
-    from scipy.optimize import minimize_scalar
 
     others = [other for other in KINDS if (other in REFERENCE) != (kind in REFERENCE)]
-    fitted = {name: max(getattr(seen.noise, name), RESOLVED) for name in KINDS}
-    steps = fitted[kind] * np.geomspace(1 / FARTHEST, FARTHEST, STEPS)
+    fitted = replace(seen.noise, **{name: max(getattr(seen.noise, name), RESOLVED) for name in KINDS})
+    steps = getattr(fitted, kind) * np.geomspace(1 / FARTHEST, FARTHEST, STEPS)
     levels, profiles = np.unique([RESOLVED, *np.maximum(steps, RESOLVED)]), []
     for design in seen.designs:
-        at = design.geometry, stacked(design.geometry, []), np.zeros(0), design.state, design.clock
-
-        def less_likely(log_factor: float, size: float, design: DesignMatrix = design, at: Any = at) -> float:
-            factor = float(np.exp(log_factor)) if design.model.poses else 1.0
-            sizes = {other: factor * fitted[other] for other in others} | {kind: size}
-            return -design.model.reduce(*at, seen.shared.mount, replace(seen.noise, **sizes)).log_evidence()
-
-        likely = [-minimize_scalar(less_likely, bounds=OTHERS, args=(size,), options=ROUGHLY).fun for size in levels]
+        likely = [_likeliest(design, seen.shared.mount, replace(fitted, **{kind: size}), others) for size in levels]
         profile = PchipInterpolator(np.log(levels), likely)(np.clip(LEVEL, *np.log(levels[[0, -1]])))
         profiles.append(Profile(profile - profile.max()))
     return profiles
+
+
+def _likeliest(design: DesignMatrix, mount: Array, noise: Noise, others: Sequence[str]) -> float:
+    """Return the largest log evidence of a log with some of the noise (`others`) multiplied by a factor."""
+    from scipy.optimize import fminbound  # slow to import
+
+    at = design.geometry, stacked(design.geometry, []), np.zeros(0), design.state, design.clock
+
+    def less_likely(log_factor: float) -> float:
+        sizes = {other: float(np.exp(log_factor)) * getattr(noise, other) for other in others}
+        return -design.model.reduce(*at, mount, replace(noise, **sizes)).log_evidence()
+
+    if not design.model.poses:
+        return -less_likely(0.0)
+    _, least, *_ = fminbound(less_likely, *OTHERS, xtol=ROUGHLY, full_output=True)
+    return -float(least)
 
 
 def log_bayes_factor(logs: Sequence[Found | Profile], clean: Sequence[Found | Profile]) -> float:

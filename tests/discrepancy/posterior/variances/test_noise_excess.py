@@ -186,8 +186,8 @@ def test_wheels_that_slip_as_usual_or_without_clean_logs_to_compare_are_no_news(
 
 @pytest.mark.parametrize("kind", ["position", "across"])
 def test_what_other_noise_may_explain_is_less_certain(kind):
-    """That noise is lower than found is as likely at least with the other noise as likely as it can be, and much more so
-    where it is much lower: the other noise takes over."""
+    """That noise is lower than found is as likely at least with the other noise as likely as it can be, and much more
+    so where it is much lower: the other noise takes over."""
     seen = linearise(ROBOT, [driven(4)], among=())
     (noise,) = noise_of(seen)
     (profile,) = profiles_of(seen, kind)
