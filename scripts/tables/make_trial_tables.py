@@ -54,14 +54,20 @@ def robots_table(figures: Figures) -> str:
 
 
 def trains_table(figures: Figures) -> str:
-    """Return the table of trains: a column for each trial, and one for all; without rates of what no trial has."""
+    """Return the table of trains: a column for the newest trial, for all trials of each train, and for all; without
+    rates of what no trial has."""
     trials = [trial for trial in figures["trials"] if _of_train(trial)]
-    heads = [f"{trial['plan']['robots'][0]}, seed {trial['plan']['seed']}, {trial['judged']} cases" for trial in trials]
-    table = _table(
-        [*heads, f"all, {sum(trial['judged'] for trial in trials)} cases"], [*([trial] for trial in trials), trials]
-    )
-    empty = f"{' | '.join(['-'] * (len(trials) + 1))} |"
-    return "".join(row for row in table.splitlines(keepends=True) if not row.endswith(f"| {empty}\n"))
+    robots = sorted({trial["plan"]["robots"][0] for trial in trials})
+    of_each = [[trial for trial in trials if trial["plan"]["robots"][0] == robot] for robot in robots]
+    plan, judged = trials[0]["plan"], trials[0]["judged"]
+    heads = [f"{plan['robots'][0]}, seed {plan['seed']}, {judged} cases"]
+    heads += [
+        f"{name}, all {len(group)} trials, {sum(trial['judged'] for trial in group)} cases"
+        for name, group in zip([*robots, "trains"], [*of_each, trials], strict=True)
+    ]
+    columns = [trials[:1], *of_each, trials]
+    empty = f"{' | '.join(['-'] * len(columns))} |"
+    return "".join(row for row in _table(heads, columns).splitlines(keepends=True) if not row.endswith(f"| {empty}\n"))
 
 
 def with_new(figures: Figures, new: list[Figures]) -> list[Figures]:
