@@ -192,12 +192,14 @@ def signatures_of(
     for unnamed alternatives at a time in it. places: further candidates, at places of the floor. creep: how many times
     as much as described contacts creep under forces.
     """
+    from scipy.interpolate import CubicSpline  # slow to import
+
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
     plain = {0.0: channels.read(robot, log, counts)}
     rows = np.arange(len(counts))[:, None]
-    # of both neighbours: by one of them alone a delay would average noise, and logs would seem likelier with it
-    rate = np.gradient(counts, log.t, axis=0)
+    # by samples on both sides: by the one before alone a delay would average noise, and logs would seem likelier with it
+    rate = CubicSpline(log.t, counts)(log.t, 1)
 
     def added(changed: RobotDescription, dithers: Array) -> Array:
         """Return the excess of the readings, averaged over dithers, at the times of what late encoders read: as the
@@ -231,7 +233,7 @@ def signatures_of(
             measured = log.reference if rate_of(candidate.kinds) else log.gyro
             unread += [candidate] if measured is not None else []
             continue
-        if isinstance(kind, EncoderLatency | AllLatency):
+        if isinstance(kind, EncoderLatency | AllLatency) and not in_robot:
             late = channels.latencies(robot.as_described().with_effects(kind)) / kind.value
             read.append(misreading(candidate, -(late * rate)[..., None]))
             continue
