@@ -198,7 +198,7 @@ def signatures_of(
     counts = state[:, 3 : 3 + len(channels.names)]
     plain = {0.0: channels.read(robot, log, counts)}
     rows = np.arange(len(counts))[:, None]
-    # by samples on both sides: by the one before alone a delay would average noise, and logs would seem likelier with it
+    # by samples on both sides: by the one before alone a delay would average noise, and logs seem likelier with it
     rate = CubicSpline(log.t, counts)(log.t, 1)
 
     def added(changed: RobotDescription, dithers: Array) -> Array:
