@@ -192,14 +192,11 @@ def signatures_of(
     for unnamed alternatives at a time in it. places: further candidates, at places of the floor. creep: how many times
     as much as described contacts creep under forces.
     """
-    from scipy.interpolate import CubicSpline  # slow to import
-
     channels = Channels(robot)
     counts = state[:, 3 : 3 + len(channels.names)]
     plain = {0.0: channels.read(robot, log, counts)}
     rows = np.arange(len(counts))[:, None]
-    # by samples on both sides: by the one before alone a delay would average noise, and logs seem likelier with it
-    rate = CubicSpline(log.t, counts)(log.t, 1)
+    rate = _rate(counts, log.t)
 
     def added(changed: RobotDescription, dithers: Array) -> Array:
         """Return the excess of the readings, averaged over dithers, at the times of what late encoders read: as the
@@ -271,6 +268,19 @@ def signatures_of(
         np.array([float(candidate == SWAYING) for candidate in of_columns]),
         np.array([_per_unit(gyro_scale_of, candidate) for candidate in of_columns]),
     )
+
+
+def _rate(counts: Array, t: Array) -> Array:
+    """Return the rates of counts (K, channels) in counts/s at times t (K,): central differences of fourth order, of
+    second order at the ends.
+
+    By a sample and the one before it alone, a delay would average noise, and logs would seem likelier with it.
+    """
+    near, far = (counts[2 * n :] - counts[: -2 * n] for n in (1, 2))
+    rate = np.gradient(counts, t, axis=0, edge_order=2)
+    over, twice = (t[2 * n :] - t[: -2 * n] for n in (1, 2))
+    rate[2:-2] = 4 / 3 * near[1:-1] / over[1:-1, None] - far / twice[:, None] / 3
+    return rate
 
 
 def _smaller(robot: RobotDescription, candidate: Candidate) -> RobotDescription | None:
