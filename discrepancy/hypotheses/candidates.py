@@ -230,7 +230,7 @@ def signatures_of(
             measured = log.reference if rate_of(candidate.kinds) else log.gyro
             unread += [candidate] if measured is not None else []
             continue
-        if isinstance(kind, EncoderLatency | AllLatency) and not in_robot:
+        if isinstance(kind, EncoderLatency | AllLatency) and not in_robot:  # else by what the late encoder reads
             late = channels.latencies(robot.as_described().with_effects(kind)) / kind.value
             read.append(misreading(candidate, -(late * rate)[..., None]))
             continue

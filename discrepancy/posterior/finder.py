@@ -241,10 +241,8 @@ def _with_dimensions(diagnosis: RobotDiagnosis, search: Search, held_out: _HeldO
     guess = guessed(search.base, search.look, seen, search.good, others, named)
     if guess is None:
         return diagnosis
-    told, log_odds = (
-        tuple(one for one in guess.dimensions if one.matters(seen, material)),
-        guess.log_factor + search.odds,
-    )
+    told = tuple(one for one in guess.dimensions if one.matters(seen, material))
+    log_odds = guess.log_factor + search.odds
     answered = any(effect.candidate.family in answer.credible for effect in built for answer in diagnosis.answers)
     if not answered and (log_odds < LOG_ODDS or not told):
         return diagnosis

@@ -163,8 +163,9 @@ def _together(
     scale = FAULT * tolerances(seen)[np.concatenate([np.zeros(0, dtype=np.intp), *columns])]
     k = len(scale)
     beyond = _Profiled.of(order.beyond(logs).of_combinations(directions), k)
-    mean, covariance, log_factor = shared_cauchy(beyond.information, beyond.score, scale)
-    explained, told = (of.gain(sizes[:k]) for of in (_Profiled.of(summed(logs).of_combinations(directions), k), beyond))
+    mean, covariance, log_factor = shared_cauchy(*beyond.first, scale)
+    raw = _Profiled.of(summed(logs).of_combinations(directions), k)
+    explained, told = (of.first.gain(sizes[:k]) for of in (raw, beyond))
     part = float(np.clip(told / explained, 0.0, 1.0)) if explained > 0 else 1.0
     others = beyond.of_others @ beyond.score_of_others - beyond.follows @ mean
     spread = beyond.of_others + beyond.follows @ covariance @ beyond.follows.T
@@ -177,11 +178,10 @@ def _together(
 
 @dataclass(frozen=True, eq=False)
 class _Profiled:
-    """Information (k, k) and score (k,) of the first sizes, whatever the others (n,) are; of these the covariance
-    (n, n), the score (n,), and by how much they follow the first (n, k)."""
+    """Statistics of the first k sizes, whatever the others (n,) are; of these the covariance (n, n), the score (n,),
+    and by how much they follow the first (n, k)."""
 
-    information: Array
-    score: Array
+    first: Statistics
     of_others: Array
     score_of_others: Array
     follows: Array
@@ -192,12 +192,8 @@ class _Profiled:
         information, score = statistics.information, statistics.score
         of_others = pseudo_inverse(information[k:, k:])
         follows = of_others @ information[k:, :k]
-        first = information[:k, :k] - information[:k, k:] @ follows, score[:k] - follows.T @ score[k:]
-        return cls(*first, of_others, score[k:], follows)
-
-    def gain(self, sizes: Array) -> float:
-        """Return the gain of log-likelihood by these sizes (k,)."""
-        return float(self.score @ sizes - sizes @ self.information @ sizes / 2)
+        first = Statistics(information[:k, :k] - information[:k, k:] @ follows, score[:k] - follows.T @ score[k:])
+        return cls(first, of_others, score[k:], follows)
 
 
 def shared_cauchy(information: Array, score: Array, scale: Array) -> tuple[Array, Array, float]:

@@ -20,6 +20,7 @@ from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, prior_log
 from discrepancy.posterior.linearise import Linearised
 from estimators.likelihood.creep_prediction import UNEVEN
 from estimators.likelihood.log_likelihood import Noise
+from estimators.likelihood.reduction import Reduced
 
 SCATTER = 0.2
 """Standard deviation, from log to log, of the logarithm of noise in good order, before clean logs are seen. In seven
@@ -128,11 +129,9 @@ def _likeliest(design: DesignMatrix, mount: Array, noise: Noise, others: Sequenc
     """Return the largest log evidence of a log with some of the noise (`others`) multiplied by a factor."""
     from scipy.optimize import fminbound  # slow to import
 
-    at = design.geometry, stacked(design.geometry, []), np.zeros(0), design.state, design.clock
-
     def less_likely(log_factor: float) -> float:
         sizes = {other: float(np.exp(log_factor)) * getattr(noise, other) for other in others}
-        return -design.model.reduce(*at, mount, replace(noise, **sizes)).log_evidence()
+        return -_reduced(design, mount, replace(noise, **sizes)).log_evidence()
 
     if not design.model.poses:
         return -less_likely(0.0)
@@ -173,10 +172,8 @@ def noise_of(seen: Linearised) -> list[dict[str, Found]]:
     """
     found = []
     for design, caused in zip(seen.designs, seen.caused, strict=True):
-        unchanged = stacked(design.geometry, [])
         noise = replace(seen.noise, **{kind: max(getattr(seen.noise, kind), RESOLVED) for kind in KINDS})
-        at = design.geometry, unchanged, np.zeros(0), design.state, design.clock
-        reduced = design.model.reduce(*at, seen.shared.mount, noise, PROBES)
+        reduced = _reduced(design, seen.shared.mount, noise, PROBES)
         _, _, left = reduced.finish(np.zeros((len(reduced.information), 1 + PROBES)))
         by_kind = {kind: (left.squares.get(kind, 0.0), left.expected.get(kind, 0.0)) for kind in KINDS}
         of_log = {k: Found(getattr(noise, k) ** 2 * s / max(free, 1e-9), free) for k, (s, free) in by_kind.items()}
@@ -186,6 +183,14 @@ def noise_of(seen: Linearised) -> list[dict[str, Found]]:
             of_log[kind] = Found(max(of_log[kind].variance - doubt, 0.0), of_log[kind].freedom)
         found.append(of_log)
     return found
+
+
+def _reduced(design: DesignMatrix, mount: Array, noise: Noise, probes: int = 0) -> Reduced:
+    """Return a log's statistics with nothing unknown but its states and clock."""
+    unchanged = stacked(design.geometry, [])
+    return design.model.reduce(
+        design.geometry, unchanged, np.zeros(0), design.state, design.clock, mount, noise, probes
+    )
 
 
 def _way(design: DesignMatrix, kind: str) -> tuple[Array, NDArray[np.bool_]]:
