@@ -94,8 +94,8 @@ def test_no_log_is_likelier_with_all_encoders_late_by_half_a_period(robot):
     assert len(columns) == len(latencies)
     told = summed(seen.logs)
     information, score = told.information[np.ix_(columns, columns)], told.score[columns]
-    assert score @ least_squares(information, score) / 2 < 3 * len(columns)
+    assert score @ least_squares(information, score) / 2 < 2.5 * len(columns)
     for part in (0.3, 0.5):
         late = (dataclasses.replace(effect, value=part * described.sample_period) for effect in latencies)
         beside = linearise(described.with_effects(*late), [log], among=())
-        assert beside.log_evidence_of_motion < seen.log_evidence_of_motion + 10
+        assert beside.log_evidence_of_motion < seen.log_evidence_of_motion

@@ -194,4 +194,4 @@ def test_what_other_noise_may_explain_is_less_certain(kind):
     lower = np.log(noise[kind].variance) / 2 - LEVEL
     near = (lower > 0) & (lower < 1.0)
     assert np.all(profile.log_likelihood[near] > noise[kind].log_likelihood[near] - 1)
-    assert profile.log_likelihood[0] > noise[kind].log_likelihood[0] / 3
+    assert profile.log_likelihood[0] > noise[kind].log_likelihood[0] / 8
