@@ -33,7 +33,7 @@ def exchanged(
     vehicle: Any,
     look: Look[S],
     named: Sequence[Sized],
-    large: Sequence[Cause],
+    large: Sequence[Cause] | None,
     seen: S,
     more: Sequence[Sized] = (),
     odds: float = 0.0,
@@ -46,7 +46,8 @@ def exchanged(
     Each effect is left out, if that makes the logs hardly less likely, and each large effect is exchanged for a similar
     one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
     Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
-    their sizes are (`log_prior`). more: effects of which each is also added, with prior log odds `odds`, and in the
+    their sizes are (`log_prior`). large: None where each was left out and exchanged before, without anything better.
+    more: effects of which each is also added, with prior log odds `odds`, and in the
     first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
     distinguishes from them, or no more than by where the reference is mounted; one that is likelier by more than fits
     converge to is taken. displaced: how far the reference is mounted from where it is expected, in units of what
@@ -108,9 +109,13 @@ def log_prior(effects: Sequence[Sized], seen: Seen) -> float:
     return total
 
 
-def _alternatives(named: Sequence[Sized], large: Sequence[Cause], seen: Seen) -> Iterator[tuple[Effects, float]]:
+def _alternatives(
+    named: Sequence[Sized], large: Sequence[Cause] | None, seen: Seen
+) -> Iterator[tuple[Effects, float]]:
     """Yield alternatives to the effects in the model, and the increase of the log evidence from which each is better:
     negative if it has an effect less."""
+    if large is None:
+        return
     if len(named) > 1:
         for sized in named:
             yield tuple(effect for effect in named if effect is not sized), -LOG_ODDS

@@ -361,7 +361,7 @@ class Search:
     def likelier(self, more: Sequence[Sized]) -> tuple[Sequence[Sized], Linearised] | None:
         """Return effects with one of `more`, with which logs are likelier than with those in the model, and the
         statistics beside them; None if they are with none."""
-        return exchanged(self.base, self.look, self.named, (), self.seen, more, self.odds)
+        return exchanged(self.base, self.look, self.named, None, self.seen, more, self.odds)
 
 
 def _of_contacts(robot: RobotDescription) -> frozenset[str]:

@@ -54,6 +54,22 @@ def test_an_effect_of_many_more_tolerances_must_make_logs_likelier_by_as_much_as
     assert exchange(100 * FEW[0], many, LOG_ODDS + 0.1).candidate == GAIN
 
 
+def test_what_was_left_out_and_exchanged_before_is_not_again(statistics_of):
+    fitted = list[int]()
+
+    def look(effects, *_) -> Any:
+        fitted.append(len(effects))
+        kinds = [effect.candidate for effect in effects]
+        return statistics_of(kinds, np.eye(len(kinds)), 0.0)
+
+    named = Sized(PLACE, np.ones(1)), Sized(GAIN, np.ones(1))
+    seen = look(named)
+    for large, sizes in ((None, set()), ((), {1})):
+        fitted.clear()
+        exchanged(ROBOT, look, named, large, seen)
+        assert set(fitted) == sizes
+
+
 @pytest.mark.parametrize(("likelier", "taken"), [(CONVERGED - 0.01, None), (CONVERGED + 0.01, GAIN)])
 def test_of_effects_that_no_motion_distinguishes_the_likeliest_is_taken(likelier, taken, statistics_of):
     """Their signatures are the same but for their units."""
