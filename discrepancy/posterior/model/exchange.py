@@ -109,9 +109,7 @@ def log_prior(effects: Sequence[Sized], seen: Seen) -> float:
     return total
 
 
-def _alternatives(
-    named: Sequence[Sized], large: Sequence[Cause] | None, seen: Seen
-) -> Iterator[tuple[Effects, float]]:
+def _alternatives(named: Sequence[Sized], large: Sequence[Cause] | None, seen: Seen) -> Iterator[tuple[Effects, float]]:
     """Yield alternatives to the effects in the model, and the increase of the log evidence from which each is better:
     negative if it has an effect less."""
     if large is None:

@@ -35,7 +35,14 @@ from discrepancy.posterior.variances.events import Alone, Events, Released
 from discrepancy.posterior.variances.jitter import jitter_answer
 from discrepancy.posterior.variances.late import late_encoders
 from discrepancy.posterior.variances.learned import encoders_of, helps, learned
-from discrepancy.posterior.variances.lost import advantage, as_one_loss, lossy_above, lossy_encoders, of_same_wheel
+from discrepancy.posterior.variances.lost import (
+    advantage,
+    as_one_loss,
+    lossy_above,
+    lossy_encoders,
+    of_same_wheel,
+    without_wheels_of_losses,
+)
 from discrepancy.posterior.variances.slippery import slippery_in
 from discrepancy.posterior.verdicts import Material
 from discrepancy.validation.cost import WAY
@@ -251,17 +258,21 @@ class Search:
 
     def with_one_loss(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where an encoder in the model loses counts above another speed, or both
-        ways as one; None if none does."""
+        ways as one, beside the other effects or all that are not of its wheel; None if none does."""
         in_model = families_of(self.named)
         if in_model in self.one_loss:
             return None
         self.one_loss.add(in_model)
-        effects = as_one_loss(self.robot, self.logs, self.named, self.fit)
-        if {effect.candidate for effect in effects} == {effect.candidate for effect in self.named}:
-            return None
-        least = self.seen.log_evidence + advantage(effects, self.named, self.odds)
-        fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, least)
-        return fitted if beside.log_evidence > least else None
+        best, found = 0.0, None
+        for named in dict.fromkeys((tuple(self.named), without_wheels_of_losses(self.named))):
+            effects = as_one_loss(self.robot, self.logs, named, self.fit)
+            if {effect.candidate for effect in effects} == {effect.candidate for effect in self.named}:
+                continue
+            least = self.seen.log_evidence + advantage(effects, self.named, self.odds)
+            fitted, beside = refitted(self.base, self.look, self.named, effects, self.seen, least + best)
+            if beside.log_evidence > least + best:
+                best, found = beside.log_evidence - least, fitted
+        return found
 
     def with_lost_counts(self) -> Sequence[Sized] | None:
         """Return the effects to begin anew with where a wheel's encoder loses counts at speed; None if none does."""

@@ -92,6 +92,19 @@ def as_one_loss(robot: RobotDescription, logs: Sequence[Log], named: Sequence[Si
     return found
 
 
+def without_wheels_of_losses(named: Sequence[Sized]) -> Effects:
+    """Return effects without those, other than losses, of wheels that lose counts: above a wrong speed, a loss leaves
+    some of what it does to another effect of its wheel."""
+    kinds = [effect.candidate.kinds[0] for effect in named]
+    lossy = {(kind.castor, kind.wheel) for kind in kinds if isinstance(kind, TickLoss)}
+    places = [(getattr(kind, "castor", None), getattr(kind, "wheel", None)) for kind in kinds]
+    return tuple(
+        effect
+        for effect, kind, place in zip(named, kinds, places, strict=True)
+        if isinstance(kind, TickLoss) or place not in lossy
+    )
+
+
 def _either_way(named: Sequence[Sized]) -> Effects:
     """Return effects with the losses of a wheel's counts forward and backward as one either way, of their mean."""
     found = tuple(named)
@@ -214,16 +227,21 @@ def _proposed(
 
 def _refined(effects: Effects, apart: float, look: Look, others: Sequence[Candidate] = ()) -> Effects:
     """Return effects of which the last is a loss above one of several speeds that are so far apart (rad/s), with the
-    speed with which fits are the likeliest. others: the same loss above other speeds, of which the best by the linear
-    formula is compared with it, too."""
+    speed and the sizes with which logs are the likeliest, by fits and a linear step from these.
+
+    others: the same loss above other speeds, of which the best by the linear formula is compared with it, too.
+    """
     *kept, loss = effects
     (kind,) = loss.candidate.kinds
     assert isinstance(kind, TickLoss)
 
     def above(speed: float) -> tuple[float, float, Effects]:
         proposed = *kept, replace(loss, candidate=_loss(replace(kind, above=round(speed, 3))))
-        seen = look(proposed, [])
-        return -math.inf if seen is None else seen.log_evidence, speed, proposed
+        seen = look(proposed, [effect.candidate for effect in proposed])
+        if seen is None:
+            return -math.inf, speed, proposed
+        moved, gain = _stepped(proposed, seen)
+        return seen.log_evidence + gain, speed, moved
 
     best, step = above(kind.above), apart / 2
     if others and (seen := look(kept, others)) is not None and seen.candidates:
@@ -233,3 +251,15 @@ def _refined(effects: Effects, apart: float, look: Look, others: Sequence[Candid
         best = max(best, above(best[1] - step), above(best[1] + step), key=itemgetter(0))
         step /= 2
     return best[2]
+
+
+def _stepped(effects: Effects, seen: Linearised) -> tuple[Effects, float]:
+    """Return effects in the model in the sizes that the linear formula gives, and by how much the logs are likelier."""
+    shown = [effect for effect in effects if effect.candidate in seen.candidates]
+    if not shown:
+        return effects, 0.0
+    statistics = statistics_of(shown, seen)
+    change = least_squares(*statistics)
+    each = np.split(change, np.cumsum([len(effect.amplitudes) for effect in shown])[:-1])
+    moved = {effect.candidate: effect.moved(np.asarray(by)) for effect, by in zip(shown, each, strict=True)}
+    return tuple(moved.get(effect.candidate, effect) for effect in effects), statistics.gain(change)

@@ -16,7 +16,9 @@ from discrepancy.hypotheses.candidates import Candidate, candidates_of, describe
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.refit import Sized, with_effects
+from discrepancy.posterior.model.search import Search
 from discrepancy.posterior.variances.lost import _is_radius, as_one_loss, lossy_above, lossy_encoders, of_same_wheel
+from discrepancy.posterior.verdicts import MATERIAL
 from discrepancy.trials.pymunk_generator import drive
 from estimators.likelihood.log_likelihood import LogLikelihood
 
@@ -123,9 +125,27 @@ def test_losses_of_a_wheel_forward_and_backward_are_one():
         return linearise(with_effects(robot, effects), logs, among=among)
 
     kept, both = as_one_loss(robot, logs, named, look)
-    assert (kept, both.candidate.family) == (radius, "tick_loss 2 1 both")
+    assert (kept.candidate, both.candidate.family) == (radius.candidate, "tick_loss 2 1 both")
+    assert abs(kept.size) < 1e-4
     assert isinstance(both.effect, TickLoss)
     assert both.effect.above == pytest.approx(loss.above, rel=0.05)
+
+
+def test_above_another_speed_a_loss_needs_no_other_radius_of_its_wheel():
+    """Above 5 rad/s, the loss leaves what is lost above 4.2 rad/s to the radius."""
+    robot = preset("asoc-prototype")
+    loss = TickLoss(castor=2, wheel=2, value=0.016, above=4.2)
+    logs = [drive(robot.with_effects(loss), wander(np.random.default_rng([30, 1]), duration=20.0), 1, duration=20.0)]
+    search = Search(robot, logs, (), (), None, MATERIAL)
+    search.somewhere = ()
+    wrong = replace(loss, value=0.0125, above=5.0), WheelRadius(castor=2, wheel=2, value=0.003)
+    search.named = tuple(Sized(Candidate(described(kind), (kind,)), np.array([kind.value])) for kind in wrong)
+    search.seen = search.look(search.named, search.plain, search.among)
+    found = search.with_one_loss()
+    assert found is not None
+    (effect,) = (one.effect for one in found)
+    assert isinstance(effect, TickLoss)
+    assert (effect.value, effect.above) == (pytest.approx(0.016, rel=0.03), pytest.approx(4.2, rel=0.05))
 
 
 def test_no_speed_is_found_where_nothing_is_lost():
