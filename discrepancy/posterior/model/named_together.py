@@ -28,7 +28,7 @@ from discrepancy.posterior.model.refit import (
     statistics_of,
 )
 from discrepancy.posterior.priors import directions_in_model, parts_about_fitted
-from discrepancy.posterior.random_effects import GoodOrder, agreeing, summed
+from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing, summed
 from discrepancy.posterior.single_effects import Hypothesis, Posterior, SingleEffects
 from estimators.likelihood.statistics import least_squares, pseudo_inverse
 
@@ -141,8 +141,8 @@ def _by_fits(
     of what wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return
     the effects without it instead.
 
-    What robots in good order show makes up the same part of the gain as it does by the linear formula; none where that
-    is so wrong of the effect that it explains nothing.
+    What robots in good order show makes up the same part of the gain as it does by the linear formula of what each size
+    of the effect explains at most; none where that is so wrong that it explains nothing.
     """
     told, least, kept = list[Answer](), 0.0, None
     possible_names = {name for answer in answers for name in (*answer.credible, *answer.alike)}
@@ -156,13 +156,21 @@ def _by_fits(
         left = tuple(other for other in named if other is not effect)
         others, without = refitted(vehicle, look, named, left, seen)
         gain = max(seen.log_evidence - without.log_evidence, 0.0)
-        explained, beyond = (of.gain(in_model) - of.gain(sizes_of(left, seen)) for of in statistics)
+        beside = sizes_of(left, seen)
+        change = (in_model - beside)[:, None]
+        explained, beyond = (_most(of.at(beside).of_combinations(change)) for of in statistics)
         part = float(np.clip(beyond / explained, 0.0, 1.0)) if explained > 0 else 1.0
         log_odds = part * gain + log_prior([effect], seen) + odds
         if log_odds <= least:
             least, kept = log_odds, others
         told.append(_answer_by_fit(effect, float(log_odds), gain, seen))
     return kept, told
+
+
+def _most(statistics: Statistics) -> float:
+    """Return the largest log-likelihood ratio of one size, of the sign of 1, against 0."""
+    information, score = float(statistics.information[0, 0]), float(statistics.score[0])
+    return max(score, 0.0) ** 2 / (2 * information) if information > 0 else 0.0
 
 
 def _answer_by_fit(effect: Sized, log_odds: float, gain: float, seen: Seen) -> Answer:

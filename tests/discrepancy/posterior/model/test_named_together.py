@@ -41,9 +41,10 @@ def posterior_of(names) -> Any:
     return SimpleNamespace(names=names)
 
 
-def in_model(posterior, likelier, statistics_of, of_motion=None):
+def in_model(posterior, likelier, statistics_of, of_motion=None, usual=0.0):
     """The families in the model at the end. posterior: the names that it gives beside each model, the likeliest first
-    for each single effect; likelier, of_motion: log evidence, and that of the motion, by the families in the model."""
+    for each single effect; likelier, of_motion: log evidence, and that of the motion, by the families in the model;
+    usual: the size of each that robots in good order show."""
 
     def look(effects, *_) -> Any:
         kinds, families = [effect.candidate for effect in effects], families_of(effects)
@@ -56,7 +57,8 @@ def in_model(posterior, likelier, statistics_of, of_motion=None):
         left = ([candidate for candidate in names if candidate.family not in without] for names in beside)
         answers = [answer(names[0], *(candidate.family for candidate in names)) for names in left if names]
         none = np.zeros((len(seen.candidates), len(seen.candidates)))
-        return Asked(posterior_of(NAMES), answers, GoodOrder(np.diag(none), none, none))
+        order = GoodOrder(np.full(len(none), usual), none, none)
+        return Asked(posterior_of(NAMES), answers, order)
 
     named, *_, answers = named_together(ROBOT, look, ask, look(()))
     assert families_of(named) == {answer.candidate.family for answer in answers}
@@ -109,6 +111,15 @@ def test_one_effect_takes_the_place_of_two_unless_fits_exclude_it(nearer, fewer,
 def test_an_effect_that_the_posterior_loses_stays_if_fits_without_it_exclude_that(gain, stays, statistics_of):
     posterior = {NONE: [[PLACE]], OF_PLACE: []}
     assert in_model(posterior, {NONE: 0.0, OF_PLACE: gain}, statistics_of) == stays
+
+
+@pytest.mark.parametrize(("usual", "stays"), [(0.7, OF_PLACE), (1.0, NONE)])
+def test_robots_in_good_order_show_the_part_of_a_lost_effect_that_is_usual(usual, stays, statistics_of):
+    """By the formula, 0.3 of its size explain 9 % of what all of it does, which is 36 of 400; all of its size beyond
+    what is usual would make logs less likely."""
+    posterior = {NONE: [[PLACE]], OF_PLACE: []}
+    size = usual * PLACE.kinds[0].step
+    assert in_model(posterior, {NONE: 0.0, OF_PLACE: 400.0}, statistics_of, usual=size) == stays
 
 
 def test_of_two_effects_that_the_posterior_loses_the_needless_one_is_refused(statistics_of):
