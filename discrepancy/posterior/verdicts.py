@@ -69,7 +69,7 @@ def judged(
     ]
     unexplained = max((_price(answer, material) for answer in told if answer.verdict == "unexplained"), default=0.0)
     for pair, which in ((held_out, "held-out gap"), (own, "gap")):
-        if unexplained and pair is not None and _half_stays(pair[0], pair[1], usual_gap):
+        if unexplained and pair is not None and _half_stays(pair[0], pair[1], usual_gap, material):
             return tuple(_doubted(answer, f"with which half of the {which} stays") for answer in told)
     return tuple(
         _doubted(answer, "which costs more") if _price(answer, material) < unexplained else answer for answer in told
@@ -126,12 +126,15 @@ def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
     return bool(now > was)
 
 
-def _half_stays(before: Seen, after: Seen, usual_gap: tuple[float, float] | None) -> bool:
-    """Whether half of the gap of logs, or more, stays with all effects in the model, and clean logs have none as
-    large."""
-    if before.gap is None or after.gap is None or (usual_gap is not None and usual_gap[0] >= HALF * after.gap[0]):
+def _half_stays(before: Seen, after: Seen, usual_gap: tuple[float, float] | None, material: Material) -> bool:
+    """Whether half of the gap of logs, or more, stays with all effects in the model, and clean logs have none as large:
+    in position or in heading, of which was the larger in units of what matters."""
+    if before.gap is None or after.gap is None:
         return False
-    return after.gap[0] >= HALF * before.gap[0]
+    k = int(np.argmax(np.nan_to_num(before.gap) / np.maximum(material, 1e-12)))
+    if usual_gap is not None and usual_gap[k] >= HALF * after.gap[k]:
+        return False
+    return after.gap[k] >= HALF * before.gap[k]
 
 
 def _price(answer: Answer, material: Material) -> float:

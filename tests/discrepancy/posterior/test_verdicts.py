@@ -154,6 +154,16 @@ def test_nor_is_one_with_which_half_of_the_logs_own_gap_stays(stays, usual, expe
     assert [answer.verdict for answer in answers] == [expected, "unexplained"]
 
 
+@pytest.mark.parametrize(("heading", "expected"), [(0.49, "named"), (0.51, "unconfirmed")])
+def test_nor_is_one_with_which_half_of_the_gap_in_heading_stays_where_that_is_larger(heading, expected):
+    """As a reference turned on its mount, for an encoder of the only steered wheel that jumps."""
+    unknown = dataclasses.replace(UNKNOWN, cost=0.5 * ANSWER.cost)
+    held_out = seen(0.0, (2e-3, 50e-3)), seen(LOG_ODDS + 1, (2e-3, 50e-3 * heading))
+    usual_gap = 2e-3, 2e-3
+    answers = judged([ANSWER, unknown], [Sized(CAUSE, ANSWER.amplitudes)], held_out, ORDER, MATERIAL, None, usual_gap)
+    assert [answer.verdict for answer in answers] == [expected, "unexplained"]
+
+
 def test_nor_is_a_name_that_is_not_confirmed_and_its_reason_stays():
     unknown = dataclasses.replace(UNKNOWN, cost=1.1 * ANSWER.cost)
     unsure = dataclasses.replace(ANSWER, covariance=np.array([[0.0052**2]]))
