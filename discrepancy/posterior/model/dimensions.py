@@ -23,7 +23,7 @@ from discrepancy.hypotheses.candidates import NUMBERS
 from discrepancy.posterior.answers import Answer, Cause
 from discrepancy.posterior.calibrated import FAULT
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.model.refit import Effects, Sized, possible
+from discrepancy.posterior.model.refit import Effects, Sized, moved_by, possible
 from discrepancy.posterior.priors import directions_in_model, order_of, same_effects, tolerances
 from discrepancy.posterior.random_effects import GoodOrder, Statistics, agreeing, summed
 from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES
@@ -171,8 +171,7 @@ def _together(
     spread = beyond.of_others + beyond.follows @ covariance @ beyond.follows.T
     errors = np.sqrt(np.concatenate([np.diag(covariance), np.diag(spread)]))
     ends = np.cumsum([len(effect.amplitudes) for effect in effects])[:-1]
-    moves = np.split(np.concatenate([mean, others]) - sizes, ends)
-    moved = [effect.moved(np.asarray(move)) for effect, move in zip(effects, moves, strict=True)]
+    moved = list(moved_by(effects, np.concatenate([mean, others]) - sizes))
     return moved, np.split(errors, ends), log_factor + part * gained - told
 
 

@@ -47,11 +47,11 @@ def exchanged(
     one. The posterior compares effects linearly, by statistics about one state, which is inexact for large effects.
     Here the whole model is fitted with each, and effects that take the place of others are also compared by how likely
     their sizes are (`log_prior`). large: None where each was left out and exchanged before, without anything better.
-    more: effects of which each is also added, with prior log odds `odds`, and in the
-    first size given of it put in the place of each in the model. same: of effects in the model, those that no motion
-    distinguishes from them, or no more than by where the reference is mounted; one that is likelier by more than fits
-    converge to is taken. displaced: how far the reference is mounted from where it is expected, in units of what
-    matters, about which it is Cauchy distributed: of `same` the likeliest with that is taken.
+    more: effects of which each is also added, with prior log odds `odds`, and in the first size given of it put in the
+    place of each in the model. same: of effects in the model, those that no motion distinguishes from them, or no more
+    than by where the reference is mounted; one that is likelier by more than fits converge to is taken.
+    displaced: how far the reference is mounted from where it is expected, in units of what matters, about which it is
+    Cauchy distributed: of `same` the likeliest with that is taken.
     """
     best, found = seen.log_evidence, None
 

@@ -141,8 +141,8 @@ def _by_fits(
     of what wheels mask, statistics beside the effect show a small part. If one of them is likelier not there, return
     the effects without it instead.
 
-    What robots in good order show makes up the same part of the gain as it does by the linear formula of what each size
-    of the effect explains at most; none where that is so wrong that it explains nothing.
+    What robots in good order show makes up the same part of the gain by fits as of the largest gain that any size of
+    the effect has by the linear formula; none where that is so wrong that it explains nothing.
     """
     told, least, kept = list[Answer](), 0.0, None
     possible_names = {name for answer in answers for name in (*answer.credible, *answer.alike)}

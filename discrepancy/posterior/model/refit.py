@@ -88,6 +88,12 @@ def sizes_of(effects: Sequence[Sized], seen: Seen, masked: float | None = None) 
     return directions @ np.concatenate([np.zeros(0), *(effect.amplitudes for effect in effects)])
 
 
+def moved_by(effects: Sequence[Sized], changes: Array) -> Effects:
+    """Return effects with their amplitudes changed, and clipped to their bounds; changes (columns of all,)."""
+    each = np.split(changes, np.cumsum([effect.candidate.columns for effect in effects])[:-1])
+    return tuple(effect.moved(np.asarray(by)) for effect, by in zip(effects, each, strict=True))
+
+
 def families_of(effects: Sequence[Sized]) -> frozenset[str]:
     """Return the families of effects."""
     return frozenset(effect.candidate.family for effect in effects)
@@ -153,9 +159,7 @@ def _newton(vehicle: Any, look: Look[S], current: Effects, seen: S, threshold: f
         gain = float(score @ changes)
         if np.all(np.abs(changes) < CONVERGED * errors) or (step > 0 and seen.log_evidence + gain < threshold):
             break
-        ends = np.cumsum([effect.candidate.columns for effect in current])[:-1]
-        moves = zip(current, np.split(changes, ends), strict=True)
-        proposed = tuple(effect.moved(np.asarray(by)) for effect, by in moves)
+        proposed = moved_by(current, changes)
         refine = bool(np.any(np.abs(changes) > errors)) and seen.log_evidence + gain >= threshold
         nearer = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen, HALVINGS if refine else 1)
         if nearer is None:

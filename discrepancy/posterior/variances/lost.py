@@ -28,7 +28,7 @@ from discrepancy.posterior.answers import Cause
 from discrepancy.posterior.calibrated import LOG_ODDS
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.model.named_together import by_formula
-from discrepancy.posterior.model.refit import Effects, Sized, families_of, statistics_of
+from discrepancy.posterior.model.refit import Effects, Sized, families_of, moved_by, statistics_of
 from discrepancy.posterior.priors import alike, bounds_of
 from discrepancy.posterior.random_effects import summed
 from estimators.likelihood.channels import Channels
@@ -95,14 +95,15 @@ def as_one_loss(robot: RobotDescription, logs: Sequence[Log], named: Sequence[Si
 def without_wheels_of_losses(named: Sequence[Sized]) -> Effects:
     """Return effects without those, other than losses, of wheels that lose counts: above a wrong speed, a loss leaves
     some of what it does to another effect of its wheel."""
-    kinds = [effect.candidate.kinds[0] for effect in named]
-    lossy = {(kind.castor, kind.wheel) for kind in kinds if isinstance(kind, TickLoss)}
-    places = [(getattr(kind, "castor", None), getattr(kind, "wheel", None)) for kind in kinds]
-    return tuple(
-        effect
-        for effect, kind, place in zip(named, kinds, places, strict=True)
-        if isinstance(kind, TickLoss) or place not in lossy
-    )
+    losses = [effect for effect in named if isinstance(effect.candidate.kinds[0], TickLoss)]
+    lossy = {_wheel_of(effect.candidate) for effect in losses}
+    return tuple(effect for effect in named if effect in losses or _wheel_of(effect.candidate) not in lossy)
+
+
+def _wheel_of(cause: Cause) -> tuple[int | None, int | None]:
+    """Return the castor and wheel that an effect of the catalogue is of, None where it is of none."""
+    kind = cause.kinds[0]
+    return getattr(kind, "castor", None), getattr(kind, "wheel", None)
 
 
 def _either_way(named: Sequence[Sized]) -> Effects:
@@ -159,14 +160,11 @@ def of_same_wheel(loss: Sized, named: Sequence[Sized], seen: Linearised) -> list
     """Return the effect of the catalogue that is of the same wheel as a loss, and not in the model (`named`), with
     which logs are the likeliest by the linear formula, if there is one: above a speed that is nearly always exceeded,
     a loss looks like a wheel of another radius."""
-    (lossy,) = loss.candidate.kinds
-    assert isinstance(lossy, TickLoss)
     found = [
         by_formula(candidate, seen)
         for candidate in seen.candidates
         if candidate.kinds
-        and getattr(candidate.kinds[0], "castor", None) == lossy.castor
-        and getattr(candidate.kinds[0], "wheel", None) == lossy.wheel
+        and _wheel_of(candidate) == _wheel_of(loss.candidate)
         and candidate.family not in families_of(named)
     ]
     return [max(found, key=itemgetter(1))[0]] if found else []
@@ -260,6 +258,5 @@ def _stepped(effects: Effects, seen: Linearised) -> tuple[Effects, float]:
         return effects, 0.0
     statistics = statistics_of(shown, seen)
     change = least_squares(*statistics)
-    each = np.split(change, np.cumsum([len(effect.amplitudes) for effect in shown])[:-1])
-    moved = {effect.candidate: effect.moved(np.asarray(by)) for effect, by in zip(shown, each, strict=True)}
+    moved = {effect.candidate: effect for effect in moved_by(shown, change)}
     return tuple(moved.get(effect.candidate, effect) for effect in effects), statistics.gain(change)
