@@ -10,6 +10,7 @@ that follows from it (`verdicts`).
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from operator import itemgetter
 from typing import Any, Generic, NamedTuple
 
 import numpy as np
@@ -38,6 +39,7 @@ from discrepancy.posterior.verdicts import (
     by_all_logs,
     gap_grows,
     gap_shrinks,
+    in_units,
     judged,
     negligible,
     weakest,
@@ -232,20 +234,35 @@ def _confirmed(search: Search, usual: Usual | None, as_before: frozenset[str]) -
 def _with_dimensions(diagnosis: RobotDiagnosis, search: Search, held_out: _HeldOutLogs) -> RobotDiagnosis:
     """Return a diagnosis with the dimensions as they are guessed together, and sizes of named ones beside these, if the
     guess shrinks the gap of held-out logs, and if any dimension is in a credible set, or all together are as likely off
-    as what is in one; where nothing else that matters is missing, they are an answer then."""
+    as what is in one; where nothing else that matters is missing, they are an answer then. Guessed is by all poses of
+    the reference, and by fewer (`far_apart`): of both, what leaves the smaller gap stays."""
+    guesses: list[tuple[float, RobotDiagnosis]] = []
+    for of in (search, search.with_fewer_poses()):
+        guess = None if of is None else _guessed(diagnosis, of)
+        if guess is None:
+            continue
+        before, after = held_out.beside(diagnosis.found), held_out.beside(guess.found)
+        if after.gap and gap_shrinks(before, after, search.material) and not gap_grows(before, after, search.material):
+            guesses.append((in_units(after.gap, search.material), guess))
+    return min(guesses, key=itemgetter(0), default=(0.0, diagnosis))[1]
+
+
+def _guessed(diagnosis: RobotDiagnosis, search: Search) -> RobotDiagnosis | None:
+    """Return a diagnosis with the dimensions as they are guessed together; None if there is no reason to."""
     seen, material = search.seen, search.material
     built, in_model = dimensions_of(search.robot, seen), (*search.begin, *search.named)
-    named = [effect for effect in diagnosis.sized if effect.candidate in seen.columns]
-    certain, sizes = {effect.candidate for effect in named}, {effect.candidate: effect for effect in in_model}
+    sizes = {effect.candidate: effect for effect in in_model}
+    named = [sizes.get(of.candidate, of) for of in diagnosis.sized if of.candidate in seen.columns]
+    certain = {effect.candidate for effect in named}
     others = [sizes.get(effect.candidate, effect) for effect in built if effect.candidate not in certain]
     guess = guessed(search.base, search.look, seen, search.good, others, named)
     if guess is None:
-        return diagnosis
+        return None
     told = tuple(one for one in guess.dimensions if one.matters(seen, material))
     log_odds = guess.log_factor + search.odds
     answered = any(effect.candidate.family in answer.credible for effect in built for answer in diagnosis.answers)
     if not answered and (log_odds < LOG_ODDS or not told):
-        return diagnosis
+        return None
     dimensions = {effect.candidate for effect in built}
     beside = {one.sized.candidate: one for one in guess.named if one.sized.candidate in dimensions}
     answers = [
@@ -259,6 +276,4 @@ def _with_dimensions(diagnosis: RobotDiagnosis, search: Search, held_out: _HeldO
         answers.append(either_of(told, seen, log_odds))
         inclusion = inclusion | {name: answers[-1].probabilities[name] for name in answers[-1].credible}
     whole = weakest(answer.verdict for answer in answers)
-    changed = replace(diagnosis, verdict=whole, answers=tuple(answers), inclusion=inclusion, dimensions=told)
-    pair = held_out.beside(diagnosis.found), held_out.beside(changed.found)
-    return changed if gap_shrinks(*pair, material) and not gap_grows(*pair, material) else diagnosis
+    return replace(diagnosis, verdict=whole, answers=tuple(answers), inclusion=inclusion, dimensions=told)

@@ -121,9 +121,13 @@ def gap_grows(before: Seen, after: Seen, material: Material) -> bool:
     """
     if before.gap is None or after.gap is None or after.gap[0] - before.gap[0] <= material.position:
         return False
-    gaps = np.nan_to_num([before.gap, after.gap])  # of positions alone the heading does not count
-    was, now = np.linalg.norm(gaps / np.maximum(material, 1e-12), axis=1)
-    return bool(now > was)
+    return in_units(after.gap, material) > in_units(before.gap, material)
+
+
+def in_units(gap: tuple[float, float], material: Material) -> float:
+    """Return a gap in position and heading together, each in units of what matters; of positions alone the heading does
+    not count."""
+    return float(np.linalg.norm(np.nan_to_num(gap) / np.maximum(material, 1e-12)))
 
 
 def _half_stays(before: Seen, after: Seen, usual_gap: tuple[float, float] | None, material: Material) -> bool:

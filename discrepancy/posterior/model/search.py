@@ -2,6 +2,7 @@
 beside these, from which it begins anew."""
 
 from collections.abc import Collection, Sequence
+from copy import copy
 from dataclasses import replace
 from operator import attrgetter, itemgetter
 from typing import Any
@@ -17,7 +18,7 @@ from discrepancy.hypotheses.candidates import Candidate, candidates_of, encoder_
 from discrepancy.posterior.answers import Answer, Cause
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.linearise import Linearised, linearise
-from discrepancy.posterior.model.dimensions import most_likely
+from discrepancy.posterior.model.dimensions import dimensions_of, most_likely
 from discrepancy.posterior.model.exchange import exchanged
 from discrepancy.posterior.model.named_together import (
     BESIDE,
@@ -46,6 +47,7 @@ from discrepancy.posterior.variances.lost import (
 from discrepancy.posterior.variances.slippery import slippery_in
 from discrepancy.posterior.verdicts import Material
 from discrepancy.validation.cost import WAY
+from estimators.likelihood.measurements.poses import far_apart
 
 
 class Search:
@@ -194,6 +196,23 @@ class Search:
         if at.get("start") is None or not any(isinstance(effect, PivotBacklash) for effect in robot.effects):
             return found
         return max(found, linearise(robot, self.logs, **dict(at, start=None)), key=attrgetter("log_evidence"))
+
+    def with_fewer_poses(self) -> "Search | None":
+        """Return the search as it stands, by logs with fewer reference poses (`far_apart`), and with the dimensions
+        that calibration finds by these; None where encoders contradict each other, and tell dimensions themselves,
+        where no log has more poses, or where logs do not fit so."""
+        sparse = copy(self)
+        sparse.logs = [far_apart(log) for log in self.logs]
+        if self.seen.redundant or all(fewer is log for fewer, log in zip(sparse.logs, self.logs, strict=True)):
+            return None
+        calibrated = {effect.candidate: effect for effect in most_likely(self.robot, sparse.logs, self.seen)}
+        sparse.named = list(({effect.candidate: effect for effect in self.named} | calibrated).values())
+        built = [effect.candidate for effect in dimensions_of(self.robot, self.seen)]
+        try:
+            sparse.seen = sparse.look(sparse.named, self.seen, list(dict.fromkeys([*built, *self.among])))
+        except np.linalg.LinAlgError:
+            return None
+        return sparse
 
     def fit(self, effects: Sequence[Sized], among: Sequence[Cause]) -> Linearised | None:
         """Return the statistics beside effects, of these candidates; None if they do not fit at all."""

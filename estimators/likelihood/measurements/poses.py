@@ -6,6 +6,8 @@ expected as the path by odometry has it once it follows the positions, and may b
 determined where a robot hardly moves.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +39,9 @@ matter where the robot drives further than positions are off."""
 APART, DENSE = 3.0, 0.5
 """s: of reference poses that follow each other faster than `DENSE`, as a tracker streams them, one in `APART` is used.
 Errors of such poses within seconds (jitter of clocks, a filter) are correlated."""
+
+FAR_APART = 12.0
+"""s: poses so far apart tell slip from errors of a tracker that last for several seconds (`far_apart`)."""
 
 CLOCK = np.array([1.0, 0.05])
 """s and 1: prior standard deviations of the reference's clock, at the start and in rate; wide enough not to matter."""
@@ -199,12 +204,27 @@ class ReferencePoses:
         return at, np.clip(held, -FADED, 1 + FADED), np.clip((FADED - outside) / (FADED - EXTENDED), 0.0, 1.0)
 
 
-def _apart(samples: NDArray[np.intp], t: Array) -> NDArray[np.intp]:
-    """Return these samples or, if they are dense, the first, the last, and between them one in `APART`."""
+def far_apart(log: Log) -> Log:
+    """Return a log with one reference pose in `FAR_APART` where it has dense ones, or else the log itself.
+
+    Of poses that are nearer, errors that last for seconds count as slip, which would add up along the way. Where
+    errors are independent, fewer poses tell less.
+    """
+    taken = positions_taken(log)
+    kept = _apart(taken, log.t, FAR_APART)
+    if log.reference is None or len(kept) == len(taken):
+        return log
+    reference = np.full_like(log.reference, np.nan)
+    reference[kept] = log.reference[kept]
+    return replace(log, reference=reference)
+
+
+def _apart(samples: NDArray[np.intp], t: Array, apart: float = APART) -> NDArray[np.intp]:
+    """Return these samples or, if they are dense, the first, the last, and between them one in `apart`, s."""
     if len(samples) < 2 or np.median(np.diff(t[samples])) >= DENSE:
         return samples
     kept: list[int] = []
     for k in samples.tolist():
-        if not kept or t[k] - t[kept[-1]] >= APART * (1 - 1e-9) or k == samples[-1]:
+        if not kept or t[k] - t[kept[-1]] >= apart * (1 - 1e-9) or k == samples[-1]:
             kept.append(k)
     return np.array(kept, dtype=np.intp)

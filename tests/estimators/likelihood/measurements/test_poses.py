@@ -1,10 +1,18 @@
-"""Reference poses in the likelihood: the tracked point's acceleration, in proportion to which they may be off."""
+"""Reference poses in the likelihood: the tracked point's acceleration, in proportion to which they may be off, and
+poses that are far apart, of a tracker whose errors last."""
+
+import dataclasses
 
 import numpy as np
 import pytest
 
 from castor_envs.logs.log import Log
-from estimators.likelihood.measurements.poses import SWINGING, ReferencePoses
+from castor_envs.motion.trajectories import wander
+from castor_envs.vehicles.presets import preset
+from discrepancy.trials.pymunk_generator import drive
+from discrepancy.trials.reading import EXACT
+from estimators.calibration.maximum_likelihood.calibrate import calibrate
+from estimators.likelihood.measurements.poses import FAR_APART, SWINGING, ReferencePoses, far_apart
 
 T = 0.05 * np.arange(400)
 RADIUS, RATE, MOUNT, CLOCK = 1.5, 0.4, np.array([0.3, -0.1, 0.0]), np.array([0.02, 1e-3])
@@ -52,3 +60,44 @@ def test_poses_that_sway_are_off_in_proportion():
         by = of_kind.numbers(slice(None))
         assert not by[..., 0].any()
         assert by[..., 1] == pytest.approx(weights[kind] * (changed[kind] - still[kind]), abs=1e-9)
+
+
+def with_poses(every):
+    """A log in which the circle's poses were taken in some of the samples."""
+    reference = np.full_like(CIRCLE, np.nan)
+    reference[::every] = CIRCLE[::every]
+    return Log(T, wheel=T[:, None] * 100, pivot=np.zeros((len(T), 0)), reference=reference)
+
+
+def test_of_dense_poses_few_stay_and_they_are_as_they_were():
+    dense = with_poses(2)
+    fewer = far_apart(dense)
+    (kept,) = np.nonzero(np.isfinite(fewer.reference[:, 0]))
+    np.testing.assert_array_equal(T[kept], [0.0, FAR_APART, T[398]])
+    np.testing.assert_array_equal(fewer.reference[kept], CIRCLE[kept])
+    np.testing.assert_array_equal(fewer.wheel, dense.wheel)
+
+
+@pytest.mark.parametrize("log", [with_poses(20), Log(T, wheel=T[:, None], pivot=np.zeros((len(T), 0)))])
+def test_a_log_without_dense_poses_stays(log):
+    assert far_apart(log) is log
+
+
+def lasting(random, samples):
+    """Errors (K, 3) of a tracker that last for 5 s: 3 mm and 6 mrad."""
+    kept, errors = np.exp(-0.05 / 5.0), random.normal(size=(samples, 3))
+    for k in range(1, samples):
+        errors[k] = kept * errors[k - 1] + np.sqrt(1 - kept**2) * errors[k]
+    return errors * [3e-3, 3e-3, 6e-3]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_errors_that_last_for_seconds_are_slip_by_dense_poses_alone(seed):
+    robot, logs = preset("differential"), []
+    for k in range(2):
+        way = wander(np.random.default_rng([seed, k]), duration=90.0, holonomic=False)
+        log = drive(robot, way, 10 * seed + k, duration=90.0, noise=EXACT)
+        errors = lasting(np.random.default_rng([seed, k]), len(log))
+        logs.append(dataclasses.replace(log, reference=log.reference + errors))
+    dense, fewer = (calibrate(robot, of).noise.along for of in (logs, [far_apart(log) for log in logs]))
+    assert dense > 5 * fewer
