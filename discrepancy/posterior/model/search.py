@@ -206,7 +206,7 @@ class Search:
         if self.seen.redundant or all(fewer is log for fewer, log in zip(sparse.logs, self.logs, strict=True)):
             return None
         calibrated = {effect.candidate: effect for effect in most_likely(self.robot, sparse.logs, self.seen)}
-        sparse.named = list(({effect.candidate: effect for effect in self.named} | calibrated).values())
+        sparse.named = tuple(({effect.candidate: effect for effect in self.named} | calibrated).values())
         built = [effect.candidate for effect in dimensions_of(self.robot, self.seen)]
         try:
             sparse.seen = sparse.look(sparse.named, self.seen, list(dict.fromkeys([*built, *self.among])))

@@ -1,6 +1,8 @@
 """Reference poses in the likelihood: the tracked point's acceleration, in proportion to which they may be off, and
 poses that are far apart, of a tracker whose errors last."""
 
+# pyright: reportOptionalSubscript=false, reportOptionalOperand=false
+
 import dataclasses
 
 import numpy as np
