@@ -236,18 +236,22 @@ def forced(castors, carried, chassis, rows, robot, along, across, turn, before, 
         found[CREEP, i] = min(max(body.quicker * (crept_by + swung * held[TWIST, j]), -most), most)
 
 
-def balanced(carry, at, end, moves, first, compliance, small):
+def balanced(carry, at, end, moves, first, compliance, small, covariance, slack):
     """Leave of disagreements of m contacts what remains after these crept until their forces balance.
 
     carry (D, R), moves (3, R or D): disagreements are rows `at` to `end`, columns `first` on; of moves M, by how much
     contacts move for a unit of each free motion, the same columns. compliance (m,): D. The creep that is taken off has
-    M creep / D = 0: neither force nor torque is left. small (4, 3): room.
+    M creep / D = 0: neither force nor torque is left. slack (m + 1, m), but for its last row, which is room: becomes
+    the covariance of the creep that is taken off, of numbers of covariance (D, D), of which the variances count. Motors
+    give way by a part of it, which their wheels count: so much is no slip. small (4, 3): room.
     """
     m = compliance.shape[0]
     for k in range(3):
         for other in range(3):
             small[k, other] = 0.0
     for i in range(m):
+        for k in range(m):
+            slack[i, k] = 0.0
         for k in range(3):
             for other in range(3):
                 small[k, other] += moves[k, first + i] * moves[other, first + i] / compliance[i]
@@ -261,7 +265,13 @@ def balanced(carry, at, end, moves, first, compliance, small):
                 small[UW, k] += moves[k, first + i] * force
         u_x, u_y, u_z = motion(small, 0), motion(small, 1), motion(small, 2)
         for i in range(m):
-            carry[s, first + i] = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
+            left = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
+            slack[m, i] = carry[s, first + i] - left
+            carry[s, first + i] = left
+        for i in range(m):
+            part = covariance[s, s] * slack[m, i]
+            for k in range(m):
+                slack[i, k] += part * slack[m, k]
 
 
 def crept(covariance, first, rows, robot, slip, moves, found, held, small, whole):

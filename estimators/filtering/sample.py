@@ -333,6 +333,7 @@ def _advance(
     small,
     held,
     bearing,
+    slack,
     uneven,
     gate,
 ):
@@ -391,7 +392,7 @@ def _advance(
             yields(carried, wheels, rows, robot, wheel, chassis, last, found)
             forced(castors, carried, chassis, rows, robot, *motion_of, last, first, moves, found, held, bearing)
             if creeps:
-                balanced(carry, at, at + numbers, moves, first, found[YIELD], small)
+                balanced(carry, at, at + numbers, moves, first, found[YIELD], small, p, slack)
                 for i in range(m):
                     more = 0.0
                     for s in range(at, at + numbers):
@@ -440,6 +441,10 @@ def _advance(
                 carry[bias, at - 1], carry[gain, at - 1], carry[reading, at - 1] = duration, turn, 0.5 * duration
                 moves[2, at - 1] = 1.0 + x[gain]
             carried_over(p, at, carry, spread)
+            if creeps:
+                for i in range(m):
+                    for k in range(m):
+                        p[first + i, first + k] += slack[i, k] * found[SCALE, i] * found[SCALE, k]
             if at > first + m:
                 measured[RESIDUAL, q - 1] = measured[SLIPS, q - 1] = 0.0
                 measured[VARIANCE, q - 1] = turn_variance + off_mean * off_mean + LEAST
@@ -538,7 +543,7 @@ ADVANCE = Kernel(
         array(CHASSIS, 2),
         *(array(float, axes) for axes in (2, 2, 2)),
         array(FILTER, 1),
-        *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2, 2, 2)),
+        *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2, 2, 2, 2)),
         REAL,
         REAL,
     ),

@@ -181,7 +181,7 @@ class CalibratingFilter:
             *(Part(chassis[..., None]), Part(clock)),
         ]
         room = [(1, m, NUMBERS), (ROWS, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
-        room += [(OF_CASTOR, n), (4, 3)]
+        room += [(OF_CASTOR, n), (4, 3), (m + 1, m)]
         self._stack = Stack(ADVANCE, geometry, parts, (filters, *map(np.zeros, room), UNEVEN, GATE))
         self._gyro, self._turns = geometry.gyro, GyroTurns(geometry.gyro, geometry.sample_period)
         self._fixes = None if geometry.fixes is None else FixUpdates(geometry.fixes, start)
