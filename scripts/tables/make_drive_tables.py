@@ -4,7 +4,8 @@
     python scripts/tables/make_drive_tables.py drives
 
 Drives take hours in full, so that a table may be of fewer cases than the official ones; it says how many. Of an
-estimator the version counts that boards show, the one that a run asked for last.
+estimator the version counts that boards show, the one that a run asked for last. Tasks of which the folder holds
+nothing keep the figures stored before.
 """
 
 import json
@@ -48,6 +49,13 @@ def figures_of(results: Path) -> Figures:
     return {"format": FORMAT, "tasks": tasks}
 
 
+def added(stored: Figures, found: Figures) -> Figures:
+    """Return the figures stored, with those found in place of those of the same tasks."""
+    new = {task["task"]: task for task in found["tasks"]}
+    kept = {task["task"]: new.pop(task["task"], task) for task in stored["tasks"]} | new
+    return found | {"tasks": list(kept.values())}
+
+
 def _scores(board: TaskBoard, entry: Entry, results: Path) -> dict[Case, float]:
     """Return the scores that an entry of a board has by case, in the metric that ranks."""
     without = {*entry.lacking, *(case for failed in entry.failed for case in failed.cases)}
@@ -87,7 +95,9 @@ def with_table(page: str, figures: Figures) -> str:
 
 
 if __name__ == "__main__":
-    found = figures_of(Path(sys.argv[1] if len(sys.argv) > 1 else "castor-results"))
+    found = added(
+        json.loads(FIGURES.read_text()), figures_of(Path(sys.argv[1] if len(sys.argv) > 1 else "castor-results"))
+    )
     write_atomically(
         FIGURES, json.dumps(found, indent=None, separators=(",", ":")).replace('{"task"', '\n{"task"') + "\n"
     )
