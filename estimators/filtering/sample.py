@@ -485,7 +485,8 @@ def _advance(
                         of_wheel = wheels[robot, i]
                         scale = found[SCALE, i]
                         rolled = of_wheel.count * wheel[robot, rows[robot, i].wheel]
-                        p[at + i, at + i] += WEAR**2 * abs(rolled / scale)
+                        if equations[0, i, WEIGHT] > 0.0:  # a counter that jumps has not rolled
+                            p[at + i, at + i] += WEAR**2 * abs(rolled / scale)
                         p[first + i, first + i] += variance * scale * scale
                         x[first + i] += found[LEFT, i] - scale * found[CREEP, i] * (1.0 + x[compliance]) - rolled
                         measured[RESIDUAL, i] = -x[first + i]

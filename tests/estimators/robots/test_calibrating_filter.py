@@ -335,3 +335,16 @@ def test_a_counter_that_jumps_is_released_by_as_much_as_it_jumps(name, counts):
     seen[100]["wheel"][0] += counts
     estimator.reset(robot, np.zeros(3))
     assert farthest(np.array([estimator.update(one) for one in seen]), whole.pose) < 1.5e-3
+
+
+def test_a_counter_that_jumps_wears_no_wheel(drive):
+    """Radii wear with the way that wheels roll, and a counter that wraps has rolled none of it."""
+    robot, deviations = preset("asoc-prototype"), []
+    whole = drives.winding(robot)
+    for counts in (0.0, 2.0**32):
+        seen = [{**one, "wheel": one["wheel"].copy()} for one in whole.observations]
+        seen[100]["wheel"][0] += counts
+        estimator = CalibratingFilter()
+        drive(estimator, robot, seen, np.zeros(3))
+        deviations.append(np.sqrt(variances(estimator)[..., estimator._at.radius.start]))
+    np.testing.assert_allclose(deviations[1], deviations[0], rtol=0.05)
