@@ -236,15 +236,16 @@ def _with_dimensions(diagnosis: RobotDiagnosis, search: Search, held_out: _HeldO
     guess shrinks the gap of held-out logs, and if any dimension is in a credible set, or all together are as likely off
     as what is in one; where nothing else that matters is missing, they are an answer then. Guessed is by all poses of
     the reference, and by fewer (`far_apart`): of both, what leaves the smaller gap stays."""
-    guesses: list[tuple[float, RobotDiagnosis]] = []
-    for of in (search, search.with_fewer_poses()):
-        guess = None if of is None else _guessed(diagnosis, of)
-        if guess is None:
-            continue
-        before, after = held_out.beside(diagnosis.found), held_out.beside(guess.found)
+    guesses = [None if of is None else _guessed(diagnosis, of) for of in (search, search.with_fewer_poses())]
+    found = [guess for guess in guesses if guess is not None]
+    if not found:
+        return diagnosis
+    before, left = held_out.beside(diagnosis.found), list[tuple[float, RobotDiagnosis]]()
+    for guess in found:
+        after = held_out.beside(guess.found)
         if after.gap and gap_shrinks(before, after, search.material) and not gap_grows(before, after, search.material):
-            guesses.append((in_units(after.gap, search.material), guess))
-    return min(guesses, key=itemgetter(0), default=(0.0, diagnosis))[1]
+            left.append((in_units(after.gap, search.material), guess))
+    return min(left, key=itemgetter(0), default=(0.0, diagnosis))[1]
 
 
 def _guessed(diagnosis: RobotDiagnosis, search: Search) -> RobotDiagnosis | None:

@@ -347,4 +347,4 @@ def test_a_counter_that_jumps_wears_no_wheel(drive):
         estimator = CalibratingFilter()
         drive(estimator, robot, seen, np.zeros(3))
         deviations.append(np.sqrt(variances(estimator)[..., estimator._at.radius.start]))
-    np.testing.assert_allclose(deviations[1], deviations[0], rtol=0.05)
+    np.testing.assert_allclose(deviations[1], deviations[0], rtol=0.01)

@@ -176,7 +176,7 @@ def test_a_measured_robot_comes_nearer_to_the_reference_by_dimensions_that_are_n
 
 @pytest.mark.slow
 def test_where_a_tracker_errs_for_seconds_fewer_poses_guess_dimensions_nearer(monkeypatch):
-    """A differential robot on figures of eight: its tracker's errors of 5 mrad last for 5 to 10 s."""
+    """A differential robot whose tracker errs by 5 mrad for 5 to 10 s."""
     root = Path(os.environ.get("CASTOR_DATA", ""))
     if not os.environ.get("CASTOR_DATA") or "230620202317" not in find_sessions(root):
         pytest.skip("the measured data are absent: CASTOR_DATA names no folder that holds optiodom/ with 230620202317")
