@@ -22,7 +22,6 @@ from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.model.dimensions import dimensions_of, guessed, most_likely, shared_cauchy
 from discrepancy.posterior.model.refit import Sized, with_effects
-from discrepancy.posterior.model.search import Search
 from discrepancy.trials.cases import motion
 from discrepancy.trials.pymunk_generator import drive
 
@@ -172,18 +171,3 @@ def test_a_measured_robot_comes_nearer_to_the_reference_by_dimensions_that_are_n
     assert len(told.found.effects) == len(named | guessed)
     before, after = (linearise(robot, [held_out], among=()).gap for robot in (session.robot, told.found))
     assert after[0] < before[0] / 2
-
-
-@pytest.mark.slow
-def test_where_a_tracker_errs_for_seconds_fewer_poses_guess_dimensions_nearer(monkeypatch):
-    """A differential robot whose tracker errs by 5 mrad for 5 to 10 s."""
-    root = Path(os.environ.get("CASTOR_DATA", ""))
-    if not os.environ.get("CASTOR_DATA") or "230620202317" not in find_sessions(root):
-        pytest.skip("the measured data are absent: CASTOR_DATA names no folder that holds optiodom/ with 230620202317")
-    session = read_session(find_sessions(root)["230620202317"])
-    logs, held_out = session.runs[:3], session.runs[3:6]
-    with_fewer = diagnose(session.robot, logs, held_out)
-    monkeypatch.setattr(Search, "with_fewer_poses", lambda search: None)
-    with_all = diagnose(session.robot, logs, held_out)
-    fewer, dense = (linearise(told.found, held_out, among=(), own_clocks=True).gap for told in (with_fewer, with_all))
-    assert fewer[0] < 0.9 * dense[0]
