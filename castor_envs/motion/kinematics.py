@@ -42,6 +42,7 @@ NUMBERS = {
     "castor_mass": 1,
     "castor_inertia": 1,
     "slip_stiffness": 1,
+    "max_wheel_torque": 0,
 }
 """Numbers of a geometry, and how many axes each has behind the leading ones."""
 
@@ -53,9 +54,9 @@ class Geometry:
     n castors, w wheels (castor by castor). pivot (..., n, 2), offset (..., n), pivot_zero (..., n), angle (..., n) of
     fixed castors; lateral, radius, roller (..., w), roller the tangent of the roller angle. mass, inertia (...) and
     center (..., 2) of the chassis with its fixed castors, castor_mass and castor_inertia (..., n) of others, 0 of
-    fixed ones; slip_stiffness (..., 2), along and across, over a wheel's load. Layout, equal for all
-    robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where there
-    is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering. gyro, fixes and
+    fixed ones; slip_stiffness (..., 2), along and across, over a wheel's load; max_wheel_torque (...). Layout, equal
+    for all robots of one geometry: wheel_castor (w,), counts_per_rev (w,) and pivot_counts_per_rev (n,) with NaN where
+    there is no encoder, standard (w,) for wheels without rollers, fixed and driven (n,) by steering. gyro, fixes and
     tolerances: as the description states them, None where it states none.
     """
 
@@ -79,6 +80,7 @@ class Geometry:
     castor_mass: Array
     castor_inertia: Array
     slip_stiffness: Array
+    max_wheel_torque: Array
     gyro: Gyro | None = None
     fixes: Fixes | None = None
     tolerances: Tolerances | None = None
@@ -208,6 +210,7 @@ def _of_robot(robot: RobotDescription) -> Geometry:
         castor_mass=np.array([0.0 if castor.steering == "fixed" else castor.mass for castor in castors]),
         castor_inertia=np.array([0.0 if castor.steering == "fixed" else castor.inertia for castor in castors]),
         slip_stiffness=np.array([robot.contact.slip_stiffness_long, robot.contact.slip_stiffness_lat]),
+        max_wheel_torque=np.array(robot.max_wheel_torque),
         gyro=robot.gyro,
         fixes=robot.fixes,
         tolerances=robot.tolerances,

@@ -11,8 +11,11 @@ What forces alone make of that is the creep s = G u + a c that solves it (`force
 
     N u = b t / H - f    c = -(t + b' u) / H    H = a' a / D    b = G' a / D    N = G' G / D - b b' / H
 
-with sums over castors. Wheels that disagree make contacts creep beyond it, by as much as nobody knows; but then too
-forces on the body and about pivots balance. Of creep of covariance q D there remains (`crept`), with Q = G - a b' / H,
+with sums over castors. Where dimensions are not those described, wheels that motors turn by the description disagree.
+Contacts then creep too, until forces on the body and about pivots balance; motors give way by a part of that creep,
+which their counts show (`shown`), and no more of it tells about dimensions (`balanced`). What else makes contacts creep
+does so by as much as nobody knows; but forces balance again. Of creep of covariance q D there remains (`crept`), with
+Q = G - a b' / H,
 
     q (D - a a' / H - Q Q' / N)
 
@@ -26,6 +29,7 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import erf
 
 from castor_envs.floor import Floor
 from castor_envs.geometry.arrays import Array
@@ -53,6 +57,11 @@ castors with Table I's dimensions are 1.2 times as large as stated."""
 
 GRIP = 1.0
 """The largest force of a contact, as a part of its load: friction of rubber on dry floors."""
+
+YIELDING, UNSURE = 0.3, 0.2
+"""By what part motors give way to wheels that disagree (`shown`), and its standard deviation. Servos hold their speeds
+in the end, but disagreements change as castors turn: of simulated drives of robots calibrated as in Table I of Doebbler
+et al., counts show 0.2 to 0.5 of it."""
 
 CHASSIS = np.dtype(
     [
@@ -99,8 +108,10 @@ ROWS = FREE_X + 3
 """Of each equation of a sample (`sample.linearised`), `found` (ROWS, m). ARM: h, m, by which its contact moves back for
 a swivel of its castor, -a. YIELD: D, as the way that a wheel would roll, m. CREEP: under forces, m. SCALE: what makes
 it an equation of a wheel's angle, rad/m, or 1. From FREE_X on: Q."""
-TWIST, HOLD, OF_CASTOR = 3, 4, 5
-"""Of castors, `held` (OF_CASTOR, n): b, then t and H, which is 0 of castors that motors hold."""
+TWIST, HOLD, SWUNG, OF_CASTOR = 3, 4, 5, 6
+"""Of castors, `held` (OF_CASTOR, n): b, then t and H, which is 0 of castors that motors hold, and room for moments."""
+OF_NUMBERS = 1
+"""Row of `slack`, behind the covariance, of creep for the numbers learned (`balanced`)."""
 
 
 def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
@@ -120,6 +131,22 @@ def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
     chassis["longer"] = chassis["quicker"] = 1.0
     chassis["grip"] = GRIP / stiffness[..., 0]
     return chassis, geometry.castor_mass * scale[..., None], geometry.castor_inertia * scale[..., None]
+
+
+def shown(geometry: Geometry, disagreement: float) -> Array:
+    """Return by what part (...) motors give way to wheels that disagree, which their counts then show.
+
+    disagreement: its standard deviation, as a part of the way. Motors give way by `YIELDING` where they can bring up
+    the force that the creep takes, and by all that is beyond. Of a normal number, what is beyond a bound is as a
+    multiple of the number, by least squares, the probability that it is beyond.
+    """
+    everything = geometry.mass + np.sum(geometry.castor_mass, axis=-1)
+    load = everything * Floor().normal_gravity / len(geometry.wheel_castor)
+    force = geometry.max_wheel_torque / np.mean(geometry.radius, axis=-1)
+    most = force / (geometry.slip_stiffness[..., 0] * load)
+    with np.errstate(divide="ignore"):
+        held = erf(most / (math.sqrt(2) * np.float64(disagreement)))
+    return 1.0 - (1.0 - YIELDING) * held
 
 
 def timed(chassis, clock, robot):
@@ -236,42 +263,45 @@ def forced(castors, carried, chassis, rows, robot, along, across, turn, before, 
         found[CREEP, i] = min(max(body.quicker * (crept_by + swung * held[TWIST, j]), -most), most)
 
 
-def balanced(carry, at, end, moves, first, compliance, small, covariance, slack):
-    """Leave of disagreements of m contacts what remains after these crept until their forces balance.
+def balanced(carry, at, end, rows, robot, first, found, held, small, shown, state, covariance, slack):
+    """Leave of disagreements of m contacts what their readings show.
 
-    carry (D, R), moves (3, R or D): disagreements are rows `at` to `end`, columns `first` on; of moves M, by how much
-    contacts move for a unit of each free motion, the same columns. compliance (m,): D. The creep that is taken off has
-    M creep / D = 0: neither force nor torque is left. slack (m + 1, m), but for its last row, which is room: becomes
-    the covariance of the creep that is taken off, of numbers of covariance (D, D), of which the variances count. Motors
-    give way by a part of it, which their wheels count: so much is no slip. small (4, 3): room.
+    carry (D, R): disagreements for a unit of each number, rows `at` to `end`, columns `first` on. found, held, small:
+    as `forced` leaves them. Readings show all of what remains once contacts crept until no force is left on the body,
+    and no moment about pivots that the floor turns, which of d is G u + a c with u = N^-1 Q' d / D and
+    c = (a' d / D - b' u) / H; and of the creep the part `shown`, by which motors give way. slack (m + 2, m): becomes
+    the covariance of the creep, and then, `OF_NUMBERS` rows on, the creep itself, of numbers of state (D,) and
+    covariance (D, D), of which the variances count; its other row is room.
     """
-    m = compliance.shape[0]
-    for k in range(3):
-        for other in range(3):
-            small[k, other] = 0.0
+    m, n = rows.shape[1], held.shape[1]
+    crept_by, of_number = slack[m + OF_NUMBERS], slack[m]
     for i in range(m):
+        crept_by[i] = 0.0
         for k in range(m):
             slack[i, k] = 0.0
-        for k in range(3):
-            for other in range(3):
-                small[k, other] += moves[k, first + i] * moves[other, first + i] / compliance[i]
-    inverted(small)
     for s in range(at, end):
-        for k in range(3):
-            small[UW, k] = 0.0
+        for j in range(n):
+            held[SWUNG, j] = 0.0
+        x, y, turn = 0.0, 0.0, 0.0
         for i in range(m):
-            force = carry[s, first + i] / compliance[i]
-            for k in range(3):
-                small[UW, k] += moves[k, first + i] * force
-        u_x, u_y, u_z = motion(small, 0), motion(small, 1), motion(small, 2)
+            force = carry[s, first + i] / found[YIELD, i]
+            x += found[FREE_X, i] * force
+            y += found[FREE_X + 1, i] * force
+            turn += found[FREE_X + 2, i] * force
+            held[SWUNG, rows[robot, i].castor] += found[ARM, i] * force
+        x, y, turn = spread(small, x, y, turn)
         for i in range(m):
-            left = moves[0, first + i] * u_x + moves[1, first + i] * u_y + moves[2, first + i] * u_z
-            slack[m, i] = carry[s, first + i] - left
-            carry[s, first + i] = left
+            j = rows[robot, i].castor
+            left = found[FREE_X, i] * x + found[FREE_X + 1, i] * y + found[FREE_X + 2, i] * turn
+            if held[HOLD, j] > 0.0:
+                left += found[ARM, i] * held[SWUNG, j] / held[HOLD, j]
+            of_number[i] = carry[s, first + i] - left
+            crept_by[i] += of_number[i] * state[s]
+            carry[s, first + i] = left + shown * of_number[i]
         for i in range(m):
-            part = covariance[s, s] * slack[m, i]
+            part = covariance[s, s] * of_number[i]
             for k in range(m):
-                slack[i, k] += part * slack[m, k]
+                slack[i, k] += part * of_number[k]
 
 
 def crept(covariance, first, rows, robot, slip, moves, found, held, small, whole):

@@ -17,11 +17,11 @@ from estimators.filtering.creep import (
     CHASSIS,
     CREEP,
     LEFT,
+    OF_NUMBERS,
     SCALE,
     SWING,
     TRAILING,
     WAY,
-    YIELD,
     balanced,
     crept,
     forced,
@@ -89,10 +89,10 @@ a chip that warms up."""
 WHEEL = np.dtype([("radius", float), ("lateral", float), ("count", float)], align=True)
 """m, m, and rad of a count."""
 
-FILTER = np.dtype([("slip", float), ("creeps", np.int64), ("settles", np.int64)], align=True)
-"""A filter of the bank: m after 1 m; whether contacts creep until they balance; whether castors that the floor turns go
-on swivelling after their last reading, as wheels say. Where dimensions are known to a thousandth, wheels creep by as
-much, and what they say of the last part of a count is no better."""
+FILTER = np.dtype([("slip", float), ("unsure", float), ("settles", np.int64)], align=True)
+"""A filter of the bank: m after 1 m; standard deviation of `shown`; whether castors that the floor turns go on
+swivelling after their last reading, as wheels say. Where dimensions are known to a thousandth, wheels creep by as much,
+and what they say of the last part of a count is no better."""
 
 SWIVEL = 3
 """Where castors' angles begin, after the pose; behind n of these what is measured: d wheels, no side slip of c, and a
@@ -100,7 +100,7 @@ gyro, if there is one."""
 RESIDUAL, VARIANCE, SLIPS, GATES = range(4)
 
 
-def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap, equations, found, carry, moves):
+def linearised(castors, carried, wheels, rows, robot, wheel, x, at, gap, equations, found, carry, moves):
     """Set up a sample's equations of a robot with the numbers of a filter's state x (D,), and linearise about their
     solution.
 
@@ -110,24 +110,23 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap,
     motion.
     """
     n, d, m = carried.shape[1], wheels.shape[1], rows.shape[1]
-    known = 0.0 if creeps else 1.0
     radius, lateral, offset = at, at + d, at + 2 * d
     zero, to_x, to_y = offset + n, offset + 2 * n, offset + 3 * n
     for j in range(n):
         castor = castors[robot, j]
-        angle = castor.half_way + x[SWIVEL + j] - known * x[zero + j]
+        angle = castor.half_way + x[SWIVEL + j] - x[zero + j]
         castor.cos, castor.sin = math.cos(angle), math.sin(angle)
     most = 0.0
     for i in range(m):
         row = rows[robot, i]
         j = row.castor
         castor = castors[robot, j]
-        arm, rolled = carried[robot, j].offset + known * x[offset + j], 0.0
+        arm, rolled = carried[robot, j].offset + x[offset + j], 0.0
         if i < d:
             of_wheel = wheels[robot, i]
-            arm = of_wheel.lateral + known * x[lateral + i] + row.roller * arm
-            rolled = of_wheel.radius * math.exp(known * x[radius + i]) * of_wheel.count * wheel[robot, row.wheel]
-        east, north = castor.x + known * x[to_x + j], castor.y + known * x[to_y + j]
+            arm = of_wheel.lateral + x[lateral + i] + row.roller * arm
+            rolled = of_wheel.radius * math.exp(x[radius + i]) * of_wheel.count * wheel[robot, row.wheel]
+        east, north = castor.x + x[to_x + j], castor.y + x[to_y + j]
         equation(equations, 0, i, castor, row, east, north, arm, rolled, 1)
         found[ARM, i], most = arm, max(most, abs(rolled))
     along, across, turn = solved(equations, 0, 1)
@@ -145,7 +144,7 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap,
         lever = equations[0, i, LEVER] + arm * castor.half_cos
         # The direction turned by +90 degrees, and the pivot's way.
         t_x, t_y = -g_y, g_x
-        east, north = castor.x + known * x[to_x + j], castor.y + known * x[to_y + j]
+        east, north = castor.x + x[to_x + j], castor.y + x[to_y + j]
         path_x, path_y = along - north * a, across + east * a
         turned = turn + castor.swivel
         left = g_x * along + g_y * across + lever * a - 2.0 * arm * math.sin(0.5 * turned)
@@ -156,7 +155,7 @@ def linearised(castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap,
         carry[SWIVEL + j, at_row], carry[zero + j, at_row] = by_angle, -by_angle
         carry[to_x + j, at_row], carry[to_y + j, at_row] = a * g_y, -a * g_x
         if i < d:
-            way = wheels[robot, i].radius * math.exp(known * x[radius + i])
+            way = wheels[robot, i].radius * math.exp(x[radius + i])
             left /= way * sinc(0.5 * turned)
             carry[radius + i, at_row], carry[lateral + i, at_row] = -way * left, -turned
             carry[offset + j, at_row] = -row.roller * turned
@@ -319,6 +318,7 @@ def _advance(
     before,
     chassis,
     clock,
+    shown,
     wheel,
     pivot,
     filters,
@@ -377,7 +377,8 @@ def _advance(
             for i in range(q):
                 measured[GATES, i] = gate if freed[robot, f, i] == 0.0 else min(gate, AGAIN)
                 freed[robot, f, i] = 0.0
-            x, p, creeps = state[robot, f], covariance[robot, f], filters[f].creeps != 0
+            x, p, shows = state[robot, f], covariance[robot, f], shown[robot, f]
+            creeps = shows < 1.0
             for s in range(size):
                 for r in range(at):
                     carry[s, r] = 0.0
@@ -386,18 +387,16 @@ def _advance(
             last = before[robot, f]
             went(castors, robot, last[0], last[1], last[2])
             along, across, turn = linearised(
-                castors, carried, wheels, rows, robot, wheel, x, at, creeps, gap > 0.0, equations, found, carry, moves
+                castors, carried, wheels, rows, robot, wheel, x, at, gap > 0.0, equations, found, carry, moves
             )
             motion_of, expected = (along, across, turn), last[2] * chassis[robot, 0].longer
             yields(carried, wheels, rows, robot, wheel, chassis, last, found)
             forced(castors, carried, chassis, rows, robot, *motion_of, last, first, moves, found, held, bearing)
             if creeps:
-                balanced(carry, at, at + numbers, moves, first, found[YIELD], small, p, slack)
+                balanced(carry, at, at + numbers, rows, robot, first, found, held, bearing, shows, x, p, slack)
                 for i in range(m):
-                    more = 0.0
-                    for s in range(at, at + numbers):
-                        more += carry[s, first + i] * x[s]
-                    found[LEFT, i] += more / wheels[robot, i].radius if i < d else more
+                    crept_by = (1.0 - shows) * slack[m + OF_NUMBERS, i]
+                    found[LEFT, i] -= crept_by / (wheels[robot, i].radius * math.exp(x[at + i])) if i < d else crept_by
 
             has_gyro = at > first + m and duration > 0.0
             off_mean = turn_off_mean(castors, rows, robot, found, first, moves, small) if has_gyro else 0.0
@@ -407,8 +406,7 @@ def _advance(
                 carry[compliance, first + i] = -found[CREEP, i]
             for i in range(d):
                 of_wheel = wheels[robot, i]
-                known = 0.0 if creeps else x[at + i]
-                scale = found[SCALE, i] = 1.0 / (of_wheel.radius * math.exp(known))
+                scale = found[SCALE, i] = 1.0 / (of_wheel.radius * math.exp(x[at + i]))
                 for s in range(size):
                     carry[s, first + i] *= scale
                 for k in range(3):
@@ -442,9 +440,10 @@ def _advance(
                 moves[2, at - 1] = 1.0 + x[gain]
             carried_over(p, at, carry, spread)
             if creeps:
+                unsure = filters[f].unsure ** 2
                 for i in range(m):
                     for k in range(m):
-                        p[first + i, first + k] += slack[i, k] * found[SCALE, i] * found[SCALE, k]
+                        p[first + i, first + k] += unsure * slack[i, k] * found[SCALE, i] * found[SCALE, k]
             if at > first + m:
                 measured[RESIDUAL, q - 1] = measured[SLIPS, q - 1] = 0.0
                 measured[VARIANCE, q - 1] = turn_variance + off_mean * off_mean + LEAST
@@ -542,7 +541,7 @@ ADVANCE = Kernel(
         *(array(of, 2) for of in (CASTOR, CARRIED, WHEEL, ROW, float, float)),
         *(array(float, axes) for axes in (3, 4, 2, 2, 3, 3)),
         array(CHASSIS, 2),
-        *(array(float, axes) for axes in (2, 2, 2)),
+        *(array(float, axes) for axes in (2, 2, 2, 2)),
         array(FILTER, 1),
         *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2, 2, 2, 2)),
         REAL,

@@ -26,10 +26,10 @@ robot with n castors, d wheels with encoders and c castors that do not slip to t
 
 Of these `sample` measures roll, side and turn; `rounding` says for how long swivel stays what it is.
 
-Wheels on modules without offset that motors steer (swerve) turn as they are commanded, by the numbers described, and
-agree with these though the true ones differ: contacts creep by what contradicts, until their forces balance. Of such a
-robot numbers change the motion alone that balances (`balanced`), and no agreement of wheels tells anything about them;
-but where a description is to be taken as not calibrated, as wheels contradict it, they roll and do not creep.
+Motors turn wheels by the numbers described, so that these agree better with them than with the true ones: contacts
+creep by what contradicts, and counts show a part of it (`creep.shown`). Modules without offset that motors steer
+(swerve) are taken to show none: no agreement of their wheels tells anything about numbers, which change the motion
+alone. Where a description is to be taken as not calibrated, as wheels contradict it, they roll and do not creep.
 
 A description may state tolerances, which are the prior of the numbers. Where it states none, nobody tells whether it is
 calibrated: two filters run side by side, one for each column of Table I of Doebbler et al. Their log-likelihoods
@@ -37,6 +37,7 @@ decide, as multiple-model estimation does (Magill, IEEE Trans. Automatic Control
 """
 
 import dataclasses
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -47,7 +48,7 @@ from castor_envs.geometry.arrays import Array
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.vehicles.robot import Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
-from estimators.filtering.creep import CARRIED, FIXED, OF_CASTOR, ROWS, STEERED, TRAILING, inertias
+from estimators.filtering.creep import CARRIED, FIXED, OF_CASTOR, ROWS, STEERED, TRAILING, UNSURE, inertias, shown
 from estimators.filtering.fixes import Belief, FixUpdates
 from estimators.filtering.sample import ADVANCE, DRIFT, FILTER, SLIP, SWIVEL, WHEEL
 from estimators.protocol import Observation
@@ -80,7 +81,7 @@ GATE = 3.0
 """Standard deviations of a measurement's residual beside all others beyond which it is released. Of normal residuals
 one in 370 is."""
 
-START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED, _, _, CLOCK = range(4, 14)
+START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED, _, _, CLOCK, _ = range(4, 15)
 """Of the stack's parts."""
 
 OF_GYRO = [-3, -2, -1]
@@ -149,7 +150,13 @@ class CalibratingFilter:
         filters = np.zeros(len(bank), FILTER)
         filters["slip"] = [SLIP * slip for _, slip in bank]
         filters["settles"] = [errors is UNCALIBRATED for errors, _ in bank]
-        filters["creeps"] = [swerve and errors is not UNCALIBRATED for errors, _ in bank]
+        filters["unsure"] = 1.0 if swerve else UNSURE
+        # of m equations, as many as no motion of the body and of castors that the floor turns explains
+        redundant = max(m - 3 - int(np.sum(~fixed & ~driven)), 0) / m
+        gives = np.ones((*np.shape(geometry.max_wheel_torque), len(bank)))
+        for k, (errors, _) in enumerate(bank):
+            if redundant > 0 and errors is not UNCALIBRATED:
+                gives[..., k] = 0.0 if swerve else shown(geometry, math.sqrt(redundant) * errors.radius)
         unlikely = np.array([TRUST * tolerances.index(errors) for errors, _ in bank])
         variance = np.zeros((*carried.shape[:-1], len(bank), size))
         variance[..., SWIVEL : SWIVEL + n] = carried["step"][..., None, :] ** 2 / 12
@@ -178,10 +185,10 @@ class CalibratingFilter:
             *map(Part, (castors, carried, wheels, equations, start, start)),
             *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(5))),
             *(Part(np.zeros((len(bank), of)), 2) for of in (q, 3 + 2 * n + d)),
-            *(Part(chassis[..., None]), Part(clock)),
+            *(Part(chassis[..., None]), Part(clock), Part(gives)),
         ]
         room = [(1, m, NUMBERS), (ROWS, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
-        room += [(OF_CASTOR, n), (4, 3), (m + 1, m)]
+        room += [(OF_CASTOR, n), (4, 3), (m + 2, m)]
         self._stack = Stack(ADVANCE, geometry, parts, (filters, *map(np.zeros, room), UNEVEN, GATE))
         self._gyro, self._turns = geometry.gyro, GyroTurns(geometry.gyro, geometry.sample_period)
         self._fixes = None if geometry.fixes is None else FixUpdates(geometry.fixes, start)
