@@ -100,9 +100,9 @@ def motion(small, k):
 
 
 def beside(i, factor, whitened, small):
-    """Return the residual of measurement i beside all others, in its standard deviations.
+    """Return the square of the residual of measurement i beside all others over its variance, and one over that.
 
-    It is (S^-1 r)_i over the root of (S^-1)_ii, S with the unknowns.
+    It is (S^-1 r)_i^2 / (S^-1)_ii, and (S^-1)_ii, S with the unknowns.
     """
     pulled, inverse, u_x, u_y, u_z = 0.0, 0.0, 0.0, 0.0, 0.0
     for k in range(i, factor.shape[1]):
@@ -115,7 +115,7 @@ def beside(i, factor, whitened, small):
     inverse -= u_x * (small[0, 0] * u_x + small[0, 1] * u_y + small[0, 2] * u_z)
     inverse -= u_y * (small[1, 0] * u_x + small[1, 1] * u_y + small[1, 2] * u_z)
     inverse -= u_z * (small[2, 0] * u_x + small[2, 1] * u_y + small[2, 2] * u_z)
-    return abs(pulled) / math.sqrt(inverse)
+    return pulled * pulled / inverse, inverse
 
 
 def corrected(state, covariance, first, moves, factor, whitened, small, rows):

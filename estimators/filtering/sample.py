@@ -28,7 +28,8 @@ from estimators.filtering.creep import (
     timed,
     yields,
 )
-from estimators.filtering.kalman import FREE, UW, W, beside, corrected, factored, inverted, motion
+from estimators.filtering.kalman import FREE, UW, corrected, inverted, motion
+from estimators.filtering.release import AGAIN, castors_left_out, released
 from estimators.filtering.rounding import kept, repeats
 from estimators.steps.castor_odometry import displace, sinc
 from estimators.steps.gaps import off_path
@@ -53,14 +54,6 @@ from estimators.steps.rolling_equations import (
 SLIP = 5e-4
 """m after 1 m: standard deviation of the random walk of a wheel's creep."""
 
-TIE = 2.0
-"""Twice the log-likelihood ratio up to which it is not known which of two measurements contradicts: both are released.
-With one equation more than needed, as of two wheels and a gyro, it never is."""
-
-RARER = 14.0
-"""Twice the logarithm of how much rarer gyros fail than wheels slip, a thousand times: by so much more than any wheel
-must a gyro contradict to be released."""
-
 RELEASED = 2e-2
 """m: standard deviation of the slip of a released measurement in a sample."""
 
@@ -71,10 +64,6 @@ FAR = 10.0 * RELEASED
 """m: where a wheel rolls farther in a sample, and equations contradict the motion that fits all of them best by more,
 the filter, which is linear about it, is begun from one without the worst: a counter that wraps or is reset is off by
 metres, and is then released by as much as it is off."""
-
-AGAIN = 2.0
-"""Standard deviations of a residual beyond which a measurement is released again that was so in the sample before: what
-slips goes on slipping for a while."""
 
 WEAR = 1e-4
 """After 1 m: random walk of radii, 0.3 % in a kilometre, as of tyres under a payload."""
@@ -97,7 +86,7 @@ and what they say of the last part of a count is no better."""
 SWIVEL = 3
 """Where castors' angles begin, after the pose; behind n of these what is measured: d wheels, no side slip of c, and a
 gyro, if there is one."""
-RESIDUAL, VARIANCE, SLIPS, GATES = range(4)
+RESIDUAL, VARIANCE, SLIPS, GATES, LEFT_OUT = range(5)
 
 
 def linearised(castors, carried, wheels, rows, robot, wheel, x, at, gap, equations, found, carry, moves):
@@ -269,40 +258,6 @@ def read_anew(state, covariance, reading, noise):
     covariance[reading, reading] = noise * noise
 
 
-def released(covariance, first, moves, residual, variance, slip, gate, trusted, factor, whitened, small, free):
-    """Factor the measurements' covariance (see `factored`), with those released that contradict all others; return
-    twice the negative log-likelihood.
-
-    While residuals beside all others exceed their gates (q,), in standard deviations, the one that does so by most (in
-    squares), and all that tie with it (`TIE`), get the variance `slip` (q,), whose sign then changes; those of which it
-    is 0 stay, and so does measurement `trusted` (q: none) unless it does so by `RARER` more than all others. free: see
-    `factored`.
-    """
-    q = residual.shape[0]
-    explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small, free)
-    for _ in range(q):
-        most = -math.inf
-        for i in range(q):
-            whitened[W, i] = -math.inf
-            if slip[i] > 0.0:
-                whitened[W, i] = beside(i, factor, whitened, small) ** 2 - gate[i] ** 2
-                if i != trusted:
-                    most = max(most, whitened[W, i])
-        if trusted < q:
-            if whitened[W, trusted] > max(most, 0.0) + RARER:
-                most = whitened[W, trusted]
-            else:
-                whitened[W, trusted] = -math.inf
-        if not most > 0.0:
-            break
-        for i in range(q):
-            if whitened[W, i] > most - TIE:
-                variance[i] += slip[i]
-                slip[i] = -slip[i]
-        explained, logarithm = factored(covariance, first, moves, residual, variance, factor, whitened, small, free)
-    return explained + logarithm
-
-
 def _advance(
     castors,
     carried,
@@ -319,6 +274,7 @@ def _advance(
     chassis,
     clock,
     shown,
+    trust,
     wheel,
     pivot,
     filters,
@@ -376,7 +332,9 @@ def _advance(
                 continue
             for i in range(q):
                 measured[GATES, i] = gate if freed[robot, f, i] == 0.0 else min(gate, AGAIN)
-                freed[robot, f, i] = 0.0
+                freed[robot, f, i] = measured[LEFT_OUT, i] = 0.0
+                if i < m and trust[robot, f, rows[robot, i].castor] < 0.0:
+                    measured[LEFT_OUT, i] = 1.0
             x, p, shows = state[robot, f], covariance[robot, f], shown[robot, f]
             creeps = shows < 1.0
             for s in range(size):
@@ -502,15 +460,16 @@ def _advance(
                     measured[SLIPS, i] = 0.0
             crept(p, first, rows, robot, filters[f].slip, moves, found, held, bearing, small)
             residual, variance, slips = measured[RESIDUAL], measured[VARIANCE], measured[SLIPS]
-            gates = measured[GATES]
+            gates, out = measured[GATES], measured[LEFT_OUT]
             log_likelihood[robot, f] -= 0.5 * released(
-                p, first, moves, residual, variance, slips, gates, m, factor, whitened, small, free
+                p, first, moves, residual, variance, slips, gates, out, m, factor, whitened, small, free
             )
             for i in range(q):
                 if slips[i] < 0.0:
                     freed[robot, f, i] = -slips[i]
                     if i < d:
                         p[first + i, first + i] -= slips[i]
+            castors_left_out(trust[robot, f], rows, robot, slips, out, gate, found[WAY])
             corrected(x, p, first, moves, factor, whitened, small, spread)
         for j in range(n):
             carried[robot, j].last = castors[robot, j].swivel
@@ -541,7 +500,7 @@ ADVANCE = Kernel(
         *(array(of, 2) for of in (CASTOR, CARRIED, WHEEL, ROW, float, float)),
         *(array(float, axes) for axes in (3, 4, 2, 2, 3, 3)),
         array(CHASSIS, 2),
-        *(array(float, axes) for axes in (2, 2, 2, 2)),
+        *(array(float, axes) for axes in (2, 2, 3, 2, 2)),
         array(FILTER, 1),
         *(array(float, axes) for axes in (3, 2, 2, 2, 2, 2, 3, 2, 2, 2, 2, 2)),
         REAL,

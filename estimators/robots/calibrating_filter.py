@@ -50,6 +50,7 @@ from castor_envs.vehicles.robot import Gyro, RobotDescription
 from castor_envs.vehicles.tolerances import Tolerances
 from estimators.filtering.creep import CARRIED, FIXED, OF_CASTOR, ROWS, STEERED, TRAILING, UNSURE, inertias, shown
 from estimators.filtering.fixes import Belief, FixUpdates
+from estimators.filtering.release import CONTRADICTED
 from estimators.filtering.sample import ADVANCE, DRIFT, FILTER, SLIP, SWIVEL, WHEEL
 from estimators.protocol import Observation
 from estimators.steps.gyro import GyroTurns, bias_deviation
@@ -81,7 +82,7 @@ GATE = 3.0
 """Standard deviations of a measurement's residual beside all others beyond which it is released. Of normal residuals
 one in 370 is."""
 
-START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED, _, _, CLOCK, _ = range(4, 15)
+START, POSE, STATE, COVARIANCE, LOG_LIKELIHOOD, GYRO, FREED, _, _, CLOCK, _, _ = range(4, 16)
 """Of the stack's parts."""
 
 OF_GYRO = [-3, -2, -1]
@@ -186,8 +187,9 @@ class CalibratingFilter:
             *(Part(np.zeros((len(bank), size)), 2), Part(known, 3), Part(-unlikely), Part(np.zeros(5))),
             *(Part(np.zeros((len(bank), of)), 2) for of in (q, 3 + 2 * n + d)),
             *(Part(chassis[..., None]), Part(clock), Part(gives)),
+            Part(np.full((len(bank), n), CONTRADICTED), 2),
         ]
-        room = [(1, m, NUMBERS), (ROWS, m), (size, at), (3, size), (at, size), (4, q), (2, q, q), (5, q), (4, 3)]
+        room = [(1, m, NUMBERS), (ROWS, m), (size, at), (3, size), (at, size), (5, q), (2, q, q), (5, q), (4, 3)]
         room += [(OF_CASTOR, n), (4, 3), (m + 2, m)]
         self._stack = Stack(ADVANCE, geometry, parts, (filters, *map(np.zeros, room), UNEVEN, GATE))
         self._gyro, self._turns = geometry.gyro, GyroTurns(geometry.gyro, geometry.sample_period)

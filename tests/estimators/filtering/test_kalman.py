@@ -53,6 +53,6 @@ def test_residuals_beside_all_others(case):
     factor, whitened, small = room()
     factored(case["covariance"], FIRST, case["moves"], case["residual"], case["variance"], factor, whitened, small)
     *_, inverse = textbook(case)
-    expected = np.abs(inverse @ case["residual"]) / np.sqrt(np.diag(inverse))
-    found = [beside(i, factor, whitened, small) for i in range(MEASURED)]
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    squares, of_inverse = zip(*(beside(i, factor, whitened, small) for i in range(MEASURED)), strict=True)
+    np.testing.assert_allclose(squares, (inverse @ case["residual"]) ** 2 / np.diag(inverse), rtol=1e-9)
+    np.testing.assert_allclose(of_inverse, np.diag(inverse), rtol=1e-9)

@@ -85,9 +85,7 @@ def test_the_turning_rate_at_the_end_where_steering_turns():
     counts = np.array([[way / wheels["radius"][0, 0] / wheels["count"][0, 0]]])
     found, carry, moves = np.zeros((ROWS, m)), np.zeros((size, at)), np.zeros((3, size))
     equations = np.zeros((1, m, NUMBERS))
-    linearised(
-        castors, carried, wheels, rows, 0, counts, np.zeros(size), at, False, equations, found, carry, moves
-    )
+    linearised(castors, carried, wheels, rows, 0, counts, np.zeros(size), at, False, equations, found, carry, moves)
     off = turn_off_mean(castors, rows, 0, found, 3 + carried.shape[1], moves, np.zeros((4, 3)))
     expected = way / base * (math.sin(delta + swivel / 2) - math.sin(delta))
     assert off == pytest.approx(expected, rel=0.05)
