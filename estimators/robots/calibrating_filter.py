@@ -161,8 +161,10 @@ class CalibratingFilter:
         redundant = max(m - 3 - int(np.sum(~fixed & ~driven)), 0) / m
         gives = np.ones((*np.shape(geometry.max_wheel_torque), len(bank)))
         for k, (errors, _) in enumerate(bank):
-            if redundant > 0 and errors.radius > 0 and errors is not UNCALIBRATED:
-                gives[..., k] = 0.0 if swerve else shown(geometry, math.sqrt(redundant) * errors.radius)
+            if swerve and errors is not UNCALIBRATED:
+                gives[..., k] = 0.0
+            elif redundant > 0 and errors.radius > 0 and errors is not UNCALIBRATED:
+                gives[..., k] = shown(geometry, math.sqrt(redundant) * errors.radius)
         unlikely = np.array([TRUST * tolerances.index(errors) for errors, _ in bank])
         variance = np.zeros((*carried.shape[:-1], len(bank), size))
         variance[..., SWIVEL : SWIVEL + n] = carried["step"][..., None, :] ** 2 / 12
