@@ -158,7 +158,7 @@ class CalibratingFilter:
         filters["settles"] = [errors is UNCALIBRATED for errors, _ in bank]
         filters["unsure"] = 1.0 if swerve else UNSURE
         # of m equations, as many as no motion of the body and of castors that the floor turns explains
-        redundant = max(m - 3 - int(np.sum(~fixed & ~driven)), 0) / m
+        redundant = max(m - 3 - int(np.sum(np.logical_not(np.logical_or(fixed, driven)))), 0) / m
         gives = np.ones((*np.shape(geometry.max_wheel_torque), len(bank)))
         for k, (errors, _) in enumerate(bank):
             if swerve and errors is not UNCALIBRATED:

@@ -74,10 +74,14 @@ def test_a_pivot_encoder_that_freezes_takes_no_other_castor_along(robot, seed):
     The seeds are of no board; as FAULTS has them, the fourth of six kinds of faults."""
     (kind,) = (kind for kind in KINDS if kind.name == "faults")
     episode = DrivenRobot(kind, robot).record(seed)
-    run = episode.runs[0]
-    pivots = run.log.pivot[-300:]
+    pivots = episode.runs[0].log.pivot[-300:]
     assert (np.ptp(pivots, axis=0) == 0).sum() == 1
-    estimator = CalibratingFilter()
+    assert ate(CalibratingFilter(), episode) < 0.05
+
+
+def ate(estimator, episode):
+    """The error of positions along the run of an episode, m."""
+    run = episode.runs[0]
     estimator.reset(episode.robot, run.start)
     poses = np.array([estimator.update(seen) for seen in run.log.observations()])[run.samples]
-    assert score(episode, [poses])["ate"] < 0.05
+    return score(episode, [poses])["ate"]
