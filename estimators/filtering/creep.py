@@ -114,6 +114,12 @@ OF_NUMBERS = 1
 """Row of `slack`, behind the covariance, of creep for the numbers learned (`balanced`)."""
 
 
+def load_of(geometry: Geometry) -> Array:
+    """Return the load (...) of each wheel of robots, N: all bear the same."""
+    everything = geometry.mass + np.sum(geometry.castor_mass, axis=-1)
+    return everything * Floor().normal_gravity / len(geometry.wheel_castor)
+
+
 def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
     """Return the records `CHASSIS` (...) of robots, and masses and inertias (..., n) of their castors.
 
@@ -121,9 +127,7 @@ def inertias(geometry: Geometry) -> tuple[NDArray[np.void], Array, Array]:
     rad, they are a force or moment as a part of K.
     """
     stiffness = geometry.slip_stiffness
-    everything = geometry.mass + np.sum(geometry.castor_mass, axis=-1)
-    load = everything * Floor().normal_gravity / len(geometry.wheel_castor)
-    scale = 1.0 / (stiffness[..., 0] * load * geometry.sample_period**2)
+    scale = 1.0 / (stiffness[..., 0] * load_of(geometry) * geometry.sample_period**2)
     chassis = np.zeros(np.shape(scale), CHASSIS)
     chassis["mass"], chassis["inertia"] = geometry.mass * scale, geometry.inertia * scale
     chassis["x"], chassis["y"] = np.moveaxis(geometry.center, -1, 0)
@@ -140,13 +144,9 @@ def shown(geometry: Geometry, disagreement: float) -> Array:
     the force that the creep takes, and by all that is beyond. Of a normal number, what is beyond a bound is as a
     multiple of the number, by least squares, the probability that it is beyond.
     """
-    everything = geometry.mass + np.sum(geometry.castor_mass, axis=-1)
-    load = everything * Floor().normal_gravity / len(geometry.wheel_castor)
     force = geometry.max_wheel_torque / np.mean(geometry.radius, axis=-1)
-    most = force / (geometry.slip_stiffness[..., 0] * load)
-    with np.errstate(divide="ignore"):
-        held = erf(most / (math.sqrt(2) * np.float64(disagreement)))
-    return 1.0 - (1.0 - YIELDING) * held
+    most = force / (geometry.slip_stiffness[..., 0] * load_of(geometry))
+    return 1.0 - (1.0 - YIELDING) * erf(most / (math.sqrt(2) * disagreement))
 
 
 def timed(chassis, clock, robot):

@@ -161,9 +161,11 @@ class CalibratingFilter:
         redundant = max(m - 3 - int(np.sum(np.logical_not(np.logical_or(fixed, driven)))), 0) / m
         gives = np.ones((*np.shape(geometry.max_wheel_torque), len(bank)))
         for k, (errors, _) in enumerate(bank):
-            if swerve and errors is not UNCALIBRATED:
+            if errors is UNCALIBRATED:
+                continue
+            if swerve:
                 gives[..., k] = 0.0
-            elif redundant > 0 and errors.radius > 0 and errors is not UNCALIBRATED:
+            elif redundant > 0 and errors.radius > 0:
                 gives[..., k] = shown(geometry, math.sqrt(redundant) * errors.radius)
         unlikely = np.array([TRUST * tolerances.index(errors) for errors, _ in bank])
         variance = np.zeros((*carried.shape[:-1], len(bank), size))

@@ -76,7 +76,7 @@ def test_a_pivot_encoder_that_freezes_takes_no_other_castor_along(robot, seed):
     episode = DrivenRobot(kind, robot).record(seed)
     pivots = episode.runs[0].log.pivot[-300:]
     assert (np.ptp(pivots, axis=0) == 0).sum() == 1
-    assert ate(CalibratingFilter(), episode) < 0.05
+    assert ate(CalibratingFilter(), episode) < 0.03
 
 
 def ate(estimator, episode):
