@@ -71,6 +71,7 @@ def named_together(
     """
     seen, named, refused, compared = first, tuple(begin), set[tuple[str, str]](), frozenset[str]()
     tried, needless = {families_of(named): seen.log_evidence}, set[tuple[frozenset[str], str]]()
+    exchanges = set[frozenset[str]]()  # sets of effects that were exchanged before: what is better was tried then
     while True:
         in_model = families_of(named)
         posterior, answers, order = ask(seen, named, {new for old, new in refused if old in {*in_model, ""}})
@@ -95,7 +96,7 @@ def named_together(
             if families not in tried:
                 break
         if len(tried) > MOST_SEARCHES:
-            return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)
+            return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)[0]
         if families not in tried:
             better = refitted(vehicle, look, named, new, seen)
             tried[families] = better[1].log_evidence if families_of(better[0]) == families else -np.inf
@@ -121,12 +122,17 @@ def named_together(
                 if unlikely:
                     refused |= unlikely
                     continue
-            explained = seen.redundant and all(answer.effect is not None for answer in answers)
-            more = [] if explained else most_explaining(vehicle, posterior.names, seen, named)
-            same = _same(answers, seen)
-            better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
+            better = None
+            if in_model not in exchanges:
+                exchanges.add(in_model)
+                explained = seen.redundant and all(answer.effect is not None for answer in answers)
+                more = [] if explained else most_explaining(vehicle, posterior.names, seen, named)
+                same = _same(answers, seen)
+                better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
-                return named, seen, posterior, _as_fitted(vehicle, look, answers, named, seen)
+                fitted, better = _as_fitted(vehicle, look, answers, named, seen)
+                if better is None:
+                    return named, seen, posterior, fitted
             tried[families_of(better[0])] = better[1].log_evidence
             if families_of(better[0]) < in_model:
                 needless |= {(families_of(better[0]), family) for family in in_model - families_of(better[0])}
@@ -204,24 +210,30 @@ def _covariance(effect: Sized, seen: Seen) -> Array:
     return mixed(softmax(log_weight), sizes)[1]
 
 
-def _as_fitted(vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Sequence[Sized], seen: S) -> list[Answer]:
+def _as_fitted(
+    vehicle: Any, look: Look[S], answers: Sequence[Answer], named: Sequence[Sized], seen: S
+) -> tuple[list[Answer], tuple[Effects, S] | None]:
     """Return the answers with the sizes that effects have in the model, where a fit contradicts those that the
-    posterior gives: logs are then less likely than the linear formula says, as it holds for small changes only."""
+    posterior gives: logs are then less likely than the linear formula says, as it holds for small changes only. The
+    second are the effects of the sizes that the posterior gives, and the statistics beside them, where logs are so much
+    likelier that the fit of the model had ended too early; else None."""
     told = {answer.candidate: answer for answer in answers}
     there = [effect for effect in named if effect.candidate in told and effect.candidate in seen.candidates]
     changes = [told[effect.candidate].amplitudes - effect.amplitudes for effect in there]
     if not any(np.linalg.norm(by) > told[one.candidate].error for one, by in zip(there, changes, strict=True)):
-        return list(answers)
+        return list(answers), None
     moved = [effect.moved(by) for effect, by in zip(there, changes, strict=True)]
     gain = statistics_of(there, seen).gain(np.concatenate(changes))
-    others = [effect for effect in named if effect not in there]
-    found = fit_with(vehicle, look, (*moved, *others), seen)
+    as_told = (*moved, *(effect for effect in named if effect not in there))
+    found = fit_with(vehicle, look, as_told, seen)
     if found is not None and found.log_evidence > seen.log_evidence + gain - LOG_ODDS:
-        return list(answers)
+        likelier = found.log_evidence > seen.log_evidence + LOG_ODDS
+        return list(answers), (as_told, found) if likelier else None
     fitted = {effect.candidate: effect.amplitudes for effect in there}
-    return [
+    of_fit = [
         dataclasses.replace(answer, amplitudes=fitted.get(answer.candidate, answer.amplitudes)) for answer in answers
     ]
+    return of_fit, None
 
 
 def _ambiguous(answers: Sequence[Answer], named: Sequence[Sized], seen: Seen) -> Iterator[Effects]:
@@ -287,8 +299,11 @@ def most_explaining(vehicle: Any, names: Collection[str], seen: Seen, named: Seq
             explained[effect] = gain - candidate.columns / 2  # which noise alone explains
     for effect in sorted(explained, key=explained.__getitem__)[: -BESIDE - 1 : -1]:
         others = () if seen.redundant else (-0.5, 1.0)
-        sizes = [effect, *(effect.moved(part * effect.amplitudes) for part in others)]
-        found += [sized for sized in sizes if possible(vehicle, [sized]) and np.any(sized.amplitudes)]
+        sizes = {effect.amplitudes.tobytes(): effect}  # different ones, within their bounds
+        for part in others:
+            moved = effect.moved(part * effect.amplitudes)
+            sizes.setdefault(moved.amplitudes.tobytes(), moved)
+        found += [sized for sized in sizes.values() if possible(vehicle, [sized]) and np.any(sized.amplitudes)]
     return found
 
 

@@ -13,16 +13,19 @@ from castor_envs.errors import InputError
 from castor_envs.geometry.arrays import Array
 from castor_envs.vehicles.effect import Effect
 from discrepancy.posterior.answers import Cause, Seen, size_of
-from discrepancy.posterior.calibrated import LOG_ODDS, SIGNATURE
-from discrepancy.posterior.priors import bounds_of, directions_in_model
+from discrepancy.posterior.calibrated import FAULT, LOG_ODDS, SIGNATURE
+from discrepancy.posterior.priors import ALIKE, bounds_of, directions_in_model
 from discrepancy.posterior.random_effects import Statistics, summed
-from estimators.likelihood.statistics import least_squares, pseudo_inverse
+from estimators.likelihood.statistics import least_squares
 
 S = TypeVar("S", bound=Seen)
 
-REFITS, CONVERGED, HALVINGS = 6, 0.1, 4
+REFITS, CONVERGED, HALVINGS = 12, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
+
+MOST_FOLLOWING = 3.0
+"""Most steps of the same shrinking kind that are taken in one: steps of which each is three quarters of the last."""
 
 STRETCHES = (1.1, 1 / 1.1, 2.0)
 """Factors by which sizes are tried that Newton's method may have left too small: finely, as noise and size change
@@ -147,25 +150,56 @@ def _newton(vehicle: Any, look: Look[S], current: Effects, seen: S, threshold: f
     `refitted`.
 
     A step that does not is halved, unless it is within the standard errors, which changes log evidence by less than it
-    scatters, or unless the threshold is out of reach.
+    scatters, or unless the threshold is out of reach. What an effect leaves unexplained passes for noise, beside which
+    each step covers only a part of what is left, so that those which would follow are taken with it.
     """
+    last: tuple[Effects, Array] | None = None
     for step in range(REFITS):
         shown = set(seen.candidates)  # no longer an effect that leaves no trace in the fitted states
         current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
         if not current:
             break
-        information, score = statistics_of(current, seen)
-        changes, errors = least_squares(information, score), np.sqrt(np.diag(pseudo_inverse(information))) + 1e-30
-        gain = float(score @ changes)
+        changes, errors = _step(current, seen)
+        gain = float(statistics_of(current, seen).score @ changes)
         if np.all(np.abs(changes) < CONVERGED * errors) or (step > 0 and seen.log_evidence + gain < threshold):
             break
-        proposed = moved_by(current, changes)
+        proposed = moved_by(current, _accelerated(current, changes, errors, last))
+        last = current, changes
         refine = bool(np.any(np.abs(changes) > errors)) and seen.log_evidence + gain >= threshold
         nearer = _nearer(vehicle, look, seen.log_evidence, current, proposed, seen, HALVINGS if refine else 1)
         if nearer is None:
             break
         current, seen = nearer
     return current, seen
+
+
+def _accelerated(current: Effects, changes: Array, errors: Array, last: tuple[Effects, Array] | None) -> Array:
+    """Return the changes (columns of all,) of effects by Anderson's acceleration of depth 1 (Walker and Ni, SIAM
+    Journal on Numerical Analysis 49(4), 2011). last: the effects before the last step, and the changes proposed
+    there."""
+    if last is None or [effect.candidate for effect in last[0]] != [effect.candidate for effect in current]:
+        return changes
+    before, at = (np.concatenate([effect.amplitudes for effect in effects]) for effects in (last[0], current))
+    turned = (changes - last[1]) / errors
+    part = float(np.clip(changes / errors @ turned / max(float(turned @ turned), 1e-30), -MOST_FOLLOWING, 1.0))
+    return changes - part * (at - before + changes - last[1])
+
+
+def _step(effects: Effects, seen: Seen) -> tuple[Array, Array]:
+    """Return the changes of amplitudes by a step of Newton's method, and their standard errors (columns of all,).
+
+    Along combinations that logs hardly distinguish nothing but the prior of faults, a Cauchy distribution, keeps sizes
+    small. It counts for no more than a small part of what is known of each effect by itself: of an effect that passes
+    for noise little is known.
+    """
+    kinds = [effect.candidate.kinds[0] for effect in effects]
+    scale = FAULT * np.repeat([kind.tolerance for kind in kinds], [effect.candidate.columns for effect in effects])
+    sizes = np.concatenate([effect.amplitudes for effect in effects]) / scale
+    information, score = statistics_of(effects, seen).of_combinations(np.diag(scale))
+    known, prior = np.diag(information), 2 / (1 + sizes**2)
+    prior = np.where(known > 0, np.minimum(ALIKE * known, prior), prior)
+    posterior = information + np.diag(prior)
+    return scale * np.linalg.solve(posterior, score - prior * sizes), scale * np.sqrt(np.diag(np.linalg.inv(posterior)))
 
 
 def _stretched(
@@ -185,7 +219,7 @@ def _stretched(
             continue
         for first in STRETCHES:
             shortest, factor = current[k], first
-            for _ in range(2 * REFITS if not effect.candidate.kinds[0].binary else 0):
+            for _ in range(REFITS if not effect.candidate.kinds[0].binary else 0):
                 longer = (*current[:k], current[k].moved((factor - 1) * current[k].amplitudes), *current[k + 1 :])
                 found = fit_with(vehicle, look, longer, seen)
                 if found is not None and found.log_evidence > seen.log_evidence + LOG_ODDS:

@@ -13,7 +13,7 @@ from discrepancy.hypotheses.candidates import Candidate
 from discrepancy.posterior.answers import Answer
 from discrepancy.posterior.calibrated import LOG_ODDS, prior_log_odds
 from discrepancy.posterior.model.named_together import Asked, named_together
-from discrepancy.posterior.model.refit import families_of
+from discrepancy.posterior.model.refit import Sized, families_of
 from discrepancy.posterior.random_effects import GoodOrder, Statistics
 
 ROBOT, NAMES = preset("tricycle"), ("a", "b", "c")
@@ -144,6 +144,38 @@ def test_a_size_is_told_as_fitted_where_a_fit_contradicts_the_posterior(less_lik
 
     *_, (found,) = named_together(ROBOT, look, ask, look(()))
     assert found.size == pytest.approx(PLACE.kinds[0].step * (1 if told == "as fitted" else 2))
+
+
+def test_the_model_is_fitted_on_where_logs_are_much_likelier_with_the_sizes_that_the_posterior_gives(statistics_of):
+    """A fit may have ended too early."""
+    step = PLACE.kinds[0].step
+
+    def look(effects, *_) -> Any:
+        off = sum(abs(effect.size / step - 2.0) for effect in effects)
+        none = np.zeros((len(effects), len(effects)))
+        return statistics_of([effect.candidate for effect in effects], none, 50.0 - 5.0 * off if effects else 0.0)
+
+    def ask(seen, named, _) -> Any:
+        none = np.zeros((len(seen.candidates), len(seen.candidates)))
+        answers = [answer(PLACE, PLACE.family, size=2.0 if named else 1.0)]
+        return Asked(posterior_of(NAMES), answers, GoodOrder(np.diag(none), none, none))
+
+    (effect,), seen, *_ = named_together(ROBOT, look, ask, look(()))
+    assert (effect.size, seen.log_evidence) == (pytest.approx(2 * step), pytest.approx(50.0))
+
+
+def test_what_a_model_is_exchanged_for_is_sought_once(statistics_of, monkeypatch):
+    """Here the posterior loses it again."""
+    sought = list[frozenset[str]]()
+
+    def exchanged(vehicle, look, named, *_) -> Any:
+        sought.append(families_of(named))
+        effects = (Sized(PLACE, np.array([PLACE.kinds[0].step])),)
+        return effects, look(effects)
+
+    monkeypatch.setattr("discrepancy.posterior.model.named_together.exchanged", exchanged)
+    assert in_model({NONE: [], OF_PLACE: []}, {NONE: 0.0, OF_PLACE: 2.0}, statistics_of) == NONE
+    assert sought == [NONE]
 
 
 @pytest.mark.parametrize(("shown_alone", "masked"), [(True, 0.5), (False, 0.5), (True, 1.0)])
