@@ -7,11 +7,11 @@ the catalogue does, and a fault is Cauchy distributed. How much it scatters is u
 effects have (`random_effects`).
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import expit
+from scipy.special import expit, softmax
 
 from castor_envs.effects.clocks import ClockOffset
 from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, ReferenceYaw
@@ -20,10 +20,11 @@ from castor_envs.logs.log import Log
 from castor_envs.vehicles.effect import Effect
 from castor_envs.vehicles.robot import RobotDescription
 from discrepancy.hypotheses.candidates import Candidate, described, stacked
-from discrepancy.posterior.answers import Answer
-from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, prior_log_odds
+from discrepancy.measurement.design_matrix import numbers_of, schur_complement
+from discrepancy.posterior.answers import SHOWN, Answer
+from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, SIGNATURE, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
-from discrepancy.posterior.priors import ALIKE, same_effects
+from discrepancy.posterior.priors import ALIKE, bounds_of, same_effects
 from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES
 from estimators.calibration.maximum_likelihood.tracker import MOUNT
 from estimators.likelihood.measurements.poses import TIMED
@@ -98,8 +99,60 @@ def reference_answers(
         confirmed = None if held_out is None else change.confirmed(held_out.of(k))
         candidate, cost = Candidate(described(variant), (variant,)), size * _apparent(kind, logs, seen)
         answer = Answer.judged_apart(candidate, probability, size, error, cost, confirmed)
-        answers.append(replace(answer, alike=tuple(family for family, looks in unseen.items() if _alone(looks, k))))
+        alike = tuple(family for family, looks in unseen.items() if _alone(looks, k))
+        answers.append(replace(_or_rivals(answer, rivals(seen, k, size, unseen)), alike=alike))
     return answers
+
+
+def rivals(seen: Linearised, k: int, size: float, unseen: Collection[str]) -> dict[str, float]:
+    """Return the families of candidates that do in these logs what a change of the k-th number of `KINDS` by a size
+    does, each with its log odds against that (natural logarithm): as far as the logs differ, by more than the error of
+    a signature, and as the priors of both sizes do. Fits take that number as unknown, so that statistics of candidates
+    do not show them.
+
+    In each log all other nuisances are as it tells itself. unseen: families that no log shows.
+    """
+    count = len(seen.usual)
+    total = np.zeros((count + 1, count + 1))
+    for design in seen.designs:
+        reduced = design.reduce(seen.shared.mount, seen.noise)
+        information, shared = reduced.with_own[0].copy(), len(reduced.information)
+        at = numbers_of(design.candidates, seen.columns)
+        seen.shared.add_priors(information[:shared, :shared], np.zeros((shared, 1)), len(at))
+        number = shared - len(seen.shared.mount) + k  # before the clock's offset, the first of the log's own numbers
+        first = np.append(np.arange(len(at)), number)
+        order = np.append(first, np.delete(np.arange(len(information)), first))
+        of_log, _ = schur_complement(information[np.ix_(order, order)], np.zeros(len(order)), len(first))
+        at = np.append(at, count)
+        total[np.ix_(at, at)] += of_log
+    prior_of_change, found = _log_prior(size, KINDS[k].tolerance), dict[str, float]()
+    for candidate, columns in seen.columns.items():
+        known, shared_with = float(total[columns[0], columns[0]]), float(total[columns[0], count])
+        if len(columns) > 1 or not candidate.kinds or candidate.family in unseen or not known or not shared_with:
+            continue
+        amplitude, (low, high) = size * shared_with / known, bounds_of(candidate.kinds[0])
+        if low <= amplitude <= high:
+            lost = size**2 * float(total[count, count] - shared_with**2 / known) / 2
+            lost /= 1 + SIGNATURE**2 * amplitude**2 * known
+            found[candidate.family] = _log_prior(amplitude, candidate.kinds[0].tolerance) - prior_of_change - lost
+    return found
+
+
+def _log_prior(size: float, tolerance: float) -> float:
+    """Return the logarithm, up to a constant, of the prior density of a fault's logarithm of size."""
+    part = abs(size) / (FAULT * tolerance)
+    return float(np.log(part / (1 + part**2)))
+
+
+def _or_rivals(answer: Answer, log_odds: dict[str, float]) -> Answer:
+    """Return the answer on a change of the reference with its rivals in the credible set, if they belong there."""
+    name, probability = answer.credible[0], answer.probability
+    parts = dict(zip((name, *log_odds), probability * softmax([0.0, *log_odds.values()]), strict=True))
+    likeliest = sorted(parts, key=lambda family: -parts[family])
+    needed = int(np.searchsorted(np.cumsum([parts[family] for family in likeliest]), min(CREDIBLE, probability))) + 1
+    credible = tuple(dict.fromkeys((name, *likeliest[:needed])))
+    shown = {family: float(parts[family]) for family in likeliest if family in credible or parts[family] > SHOWN}
+    return replace(answer, probabilities=shown | {"nothing": 1 - probability}, credible=credible)
 
 
 def _alone(looks: Array, k: int) -> bool:

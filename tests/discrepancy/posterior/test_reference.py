@@ -14,24 +14,30 @@ from castor_envs.effects.reference import ReferenceLeverX, ReferenceLeverY, Refe
 from castor_envs.logs.log import Log
 from castor_envs.motion.kinematics import Geometry
 from castor_envs.motion.rolling import roll
-from castor_envs.motion.trajectories import wander
+from castor_envs.motion.trajectories import Leg, Run, Trajectory, wander
 from castor_envs.sensors.encoders import Encoders
 from castor_envs.vehicles.presets import preset
 from discrepancy.diagnose import examine
-from discrepancy.posterior.calibrated import FAULT, FREEDOM
+from discrepancy.hypotheses.candidates import Candidate
+from discrepancy.posterior.answers import Answer
+from discrepancy.posterior.calibrated import FAULT, FREEDOM, LOG_ODDS
 from discrepancy.posterior.finder import diagnose
 from discrepancy.posterior.linearise import linearise
 from discrepancy.posterior.priors import same_effects
-from discrepancy.posterior.reference import KINDS, UNKNOWN, Shown, _Change, reference_answers
+from discrepancy.posterior.reference import KINDS, UNKNOWN, Shown, _Change, _or_rivals, reference_answers, rivals
 
 ROBOT = preset("differential")
 
 
-def driven(seed, *effects, duration=15.0):
-    """A log of perfect rolling whose reference, with errors of 0.5 mm and 0.5 mrad, is as effects make it."""
+TO_AND_FRO = Trajectory("to and fro", tuple(Run((Leg((way, 0.0, 0.0), 1.0),), 0.25, 0.5) for way in (1.0, -1.0) * 2))
+
+
+def driven(seed, *effects, duration=15.0, path=None):
+    """A log of perfect rolling whose reference, with errors of 0.5 mm and 0.5 mrad, is as effects make it; path: by
+    default a random one."""
     robot = ROBOT.with_effects(*effects)
     random = np.random.default_rng([seed, 1])
-    motion = roll(robot.as_built(), wander(random, duration=duration, holonomic=False))
+    motion = roll(robot.as_built(), path or wander(random, duration=duration, holonomic=False))
     wheel, castor = readings(robot, motion.t, motion.wheel_angle, motion.castor_angle)
     encoders = Encoders(Geometry.of(robot), np.full(2, 0.4))
     pose = reference(robot, motion.t, motion.pose)
@@ -71,6 +77,40 @@ def test_what_differs_from_clean_logs_is_named_with_its_size(effect, cost, same)
     assert not any("that is fitted" in line for line in found.data["preflight"])
     before, after = found.data["replay"]["before"], found.data["replay"]["after"]
     assert after["position_rms_mm"] == pytest.approx(before["position_rms_mm"], rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("path", "late", "possible"), [(TO_AND_FRO, -0.02, True), (None, -0.02, False), (TO_AND_FRO, 0.02, False)]
+)
+def test_contacts_that_creep_under_the_forces_of_a_straight_drive_are_a_rival_of_a_clock_that_lags(
+    path, late, possible
+):
+    """A robot of mass m whose contacts creep by c follows its wheels by m c later, along; where it turns, it also
+    creeps across. By a negative amount no contact creeps."""
+    seen = linearise(ROBOT, [driven(1, ClockOffset(value=late), path=path)])
+    found = rivals(seen, KINDS.index(ClockOffset), late, same_effects(ROBOT)[1])
+    assert (found.get("contact_creep", -np.inf) > -LOG_ODDS) == possible
+    assert all(log_odds < -LOG_ODDS for family, log_odds in found.items() if family != "contact_creep")
+
+
+@pytest.mark.parametrize(
+    ("log_odds", "credible"),
+    [
+        ({}, ("reference_lever_x",)),
+        ({"creep": -6.0}, ("reference_lever_x",)),
+        ({"creep": -1.0, "slope": -9.0}, ("reference_lever_x", "creep")),
+        ({"creep": 6.0}, ("reference_lever_x", "creep")),
+    ],
+)
+def test_rivals_that_are_likely_enough_share_the_credible_set(log_odds, credible):
+    told = Answer.judged_apart(Candidate("lever", (ReferenceLeverX(value=0.02),)), 0.99, 0.02, 1e-3, np.zeros(2))
+    answer = _or_rivals(told, log_odds)
+    assert answer.credible == credible
+    assert sum(answer.probabilities.values()) == pytest.approx(1.0, abs=2e-3)
+    assert answer.probabilities["nothing"] == pytest.approx(0.01)
+    if "creep" in credible:
+        odds = answer.probabilities["creep"] / answer.probabilities["reference_lever_x"]
+        assert odds == pytest.approx(np.exp(log_odds["creep"]))
 
 
 def test_an_effect_that_the_robot_file_has_already_is_not_missing():
