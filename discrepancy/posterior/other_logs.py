@@ -33,8 +33,10 @@ def in_good_order(
     Clean logs are likelier with them than without them, and than with half of them, by more than the error of their
     signatures lets them be: what wheel creep masks of a large effect makes logs a little likelier or less likely, as
     creep is not as predicted. The linear formula about a robot without them need not show that clean logs have them:
-    of what passes for noise it sees little. good: clean logs linearised with this robot.
+    of what passes for noise it sees little. Where it shows that they have none of that size, nothing is fitted.
+    good: clean logs linearised with this robot.
     """
+    statistics = summed(good.logs)
 
     def log_evidence(effects: Sequence[Sized], part: float = 1.0) -> float:
         sizes = tuple(effect.moved((part - 1) * effect.amplitudes) for effect in effects)
@@ -44,8 +46,11 @@ def in_good_order(
         return -np.inf if found is None else found.log_evidence
 
     def shown(effects: Sequence[Sized]) -> bool:
-        unmasked = sizes_of([effect for effect in effects if effect.candidate in good.candidates], good, masked=0.0)
-        least = LOG_ODDS * (1 + SIGNATURE**2 * float(unmasked @ summed(good.logs).information @ unmasked))
+        seen = [effect for effect in effects if effect.candidate in good.candidates]
+        unmasked = sizes_of(seen, good, masked=0.0)
+        least = LOG_ODDS * (1 + SIGNATURE**2 * float(unmasked @ statistics.information @ unmasked))
+        if len(seen) == len(effects) and max(statistics.gain(unmasked), statistics.gain(sizes_of(seen, good))) < -least:
+            return False
         return log_evidence(effects) > max(good.log_evidence, log_evidence(effects, 0.5)) + least
 
     sized = [effect for effect in named if not effect.candidate.kinds[0].binary]

@@ -40,6 +40,12 @@ def test_an_effect_was_there_before_if_clean_logs_show_nearer_to_it_than_to_half
     assert found == (frozenset({RADIUS.family}) if there else frozenset())
 
 
+def test_what_clean_logs_do_not_show_at_all_is_not_fitted_to_them(monkeypatch):
+    logs, good = clean(0.0)
+    monkeypatch.setattr("discrepancy.posterior.other_logs.linearise", None)
+    assert in_good_order(ROBOT, logs, good, [of(RADIUS, 0.01), of(TRACK, 0.03)]) == frozenset()
+
+
 def test_of_two_effects_only_the_one_that_clean_logs_show_was_there_before():
     found = in_good_order(ROBOT, *clean(0.01), [of(RADIUS, 0.01), of(TRACK, 0.03)])
     assert found == {RADIUS.family}
