@@ -131,7 +131,8 @@ def named_together(
                 better = exchanged(vehicle, look, named, _large(answers), seen, more, odds, same, displaced)
             if better is None or families_of(better[0]) in tried:  # what is returned belongs to these answers
                 fitted, better = _as_fitted(vehicle, look, answers, named, seen)
-                if better is None:
+                likeliest = tried.get(in_model, seen.log_evidence)  # so far, as log evidence scatters
+                if better is None or better[1].log_evidence <= likeliest + LOG_ODDS:
                     return named, seen, posterior, fitted
             tried[families_of(better[0])] = better[1].log_evidence
             if families_of(better[0]) < in_model:

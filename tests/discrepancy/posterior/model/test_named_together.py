@@ -164,6 +164,25 @@ def test_the_model_is_fitted_on_where_logs_are_much_likelier_with_the_sizes_that
     assert (effect.size, seen.log_evidence) == (pytest.approx(2 * step), pytest.approx(50.0))
 
 
+def test_the_search_ends_though_fits_of_the_same_sizes_differ(statistics_of):
+    """Here log evidence is 10 larger each time that the sizes of the posterior are fitted, and is lost again."""
+
+    def look(effects, _=None, among=None) -> Any:
+        none = np.zeros((len(effects), len(effects)))
+        evidence = 50.0 + 10.0 * (among is not None) if effects else 0.0
+        return statistics_of([effect.candidate for effect in effects], none, evidence)
+
+    def ask(seen, named, _) -> Any:
+        none = np.zeros((len(seen.candidates), len(seen.candidates)))
+        size = 1.1 * float(named[0].amplitudes[0]) / PLACE.kinds[0].step if named else 1.0
+        return Asked(
+            posterior_of(NAMES), [answer(PLACE, PLACE.family, size=size)], GoodOrder(np.diag(none), none, none)
+        )
+
+    (effect,), *_ = named_together(ROBOT, look, ask, look(()))
+    assert effect.candidate == PLACE
+
+
 def test_what_a_model_is_exchanged_for_is_sought_once(statistics_of, monkeypatch):
     """Here the posterior loses it again."""
     sought = list[frozenset[str]]()
