@@ -20,7 +20,7 @@ from estimators.likelihood.statistics import least_squares
 
 S = TypeVar("S", bound=Seen)
 
-REFITS, CONVERGED, HALVINGS = 12, 0.1, 4
+REFITS, CONVERGED, HALVINGS = 6, 0.1, 4
 """Most rounds; the change of sizes, in their standard errors, at which they end; and how often a change is halved if no
 robot can have it, or if it makes the logs less likely."""
 
@@ -219,7 +219,7 @@ def _stretched(
             continue
         for first in STRETCHES:
             shortest, factor = current[k], first
-            for _ in range(REFITS if not effect.candidate.kinds[0].binary else 0):
+            for _ in range(2 * REFITS if not effect.candidate.kinds[0].binary else 0):
                 longer = (*current[:k], current[k].moved((factor - 1) * current[k].amplitudes), *current[k + 1 :])
                 found = fit_with(vehicle, look, longer, seen)
                 if found is not None and found.log_evidence > seen.log_evidence + LOG_ODDS:
