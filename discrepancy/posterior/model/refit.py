@@ -159,8 +159,7 @@ def _newton(vehicle: Any, look: Look[S], current: Effects, seen: S, threshold: f
         current = tuple(effect for effect in current if np.any(effect.amplitudes) and effect.candidate in shown)
         if not current:
             break
-        changes, errors = _step(current, seen)
-        gain = float(statistics_of(current, seen).score @ changes)
+        changes, errors, gain = _step(current, seen)
         if np.all(np.abs(changes) < CONVERGED * errors) or (step > 0 and seen.log_evidence + gain < threshold):
             break
         proposed = moved_by(current, _accelerated(current, changes, errors, last))
@@ -185,8 +184,9 @@ def _accelerated(current: Effects, changes: Array, errors: Array, last: tuple[Ef
     return changes - part * (at - before + changes - last[1])
 
 
-def _step(effects: Effects, seen: Seen) -> tuple[Array, Array]:
-    """Return the changes of amplitudes by a step of Newton's method, and their standard errors (columns of all,).
+def _step(effects: Effects, seen: Seen) -> tuple[Array, Array, float]:
+    """Return the changes of amplitudes by a step of Newton's method, their standard errors (columns of all,), and twice
+    the gain of log-likelihood by the linear formula.
 
     Along combinations that logs hardly distinguish nothing but the prior of faults, a Cauchy distribution, keeps sizes
     small. It counts for no more than a small part of what is known of each effect by itself: of an effect that passes
@@ -199,7 +199,8 @@ def _step(effects: Effects, seen: Seen) -> tuple[Array, Array]:
     known, prior = np.diag(information), 2 / (1 + sizes**2)
     prior = np.where(known > 0, np.minimum(ALIKE * known, prior), prior)
     posterior = information + np.diag(prior)
-    return scale * np.linalg.solve(posterior, score - prior * sizes), scale * np.sqrt(np.diag(np.linalg.inv(posterior)))
+    changes, errors = np.linalg.solve(posterior, score - prior * sizes), np.sqrt(np.diag(np.linalg.inv(posterior)))
+    return scale * changes, scale * errors, float(score @ changes)
 
 
 def _stretched(
