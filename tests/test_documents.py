@@ -65,6 +65,13 @@ def test_how_often_paths_are_compared_is_what_runs_do():
     assert len(run.samples) == 1001
 
 
+def test_the_newest_trials_are_as_few_as_have_enough_cases(script_called):
+    script = script_called("make_trial_tables")
+    trials = [{"judged": cases} for cases in (script.ENOUGH // 2, script.ENOUGH // 2, 20)]
+    assert script.newest(trials) == trials[:2]
+    assert script.newest(trials[1:]) == trials[1:]  # all together have fewer
+
+
 def test_the_table_of_trials_is_that_of_the_stored_ones(script_called):
     script = script_called("make_trial_tables")
     page, figures = script.PAGE.read_text(encoding="utf-8"), json.loads(script.FIGURES.read_text(encoding="utf-8"))

@@ -21,6 +21,9 @@ DOCS = Path(__file__).parents[2] / "docs"
 PAGE, FIGURES = DOCS / "diagnosis-trials.md", DOCS / "trials.json"
 START, END = "<!-- table: made by scripts/tables/make_trial_tables.py -->\n", "<!-- end of table -->\n"
 GENERATORS = ("pymunk", "mujoco", "bullet")
+ENOUGH = 200
+"""Cases that the newest trials of a column have together: single trials are too small for a rate."""
+
 OF_TRAINS = "<!-- table of trains: made by scripts/tables/make_trial_tables.py -->\n"
 OF_MISSES = "<!-- table of misses: made by scripts/tables/make_trial_tables.py -->\n"
 OF_TRAINS_MISSES = "<!-- table of trains' misses: made by scripts/tables/make_trial_tables.py -->\n"
@@ -39,35 +42,33 @@ def figures_of(folders: list[Path]) -> Figures:
 
 
 def robots_table(figures: Figures) -> str:
-    """Return the table of all rates: a column for the newest trial of each simulator, and one for all of its trials."""
+    """Return the table of all rates: for each simulator a column for its `newest` trials, and one for all."""
     robots = [trial for trial in figures["trials"] if not _of_train(trial)]
     generators = {name: [trial for trial in robots if trial["plan"]["generator"] == name] for name in GENERATORS}
-    newest = [trials[:1] for trials in generators.values()]
-    heads = [
-        f"{trial['plan']['generator']}, seed {trial['plan']['seed']}, {trial['judged']} cases" for (trial,) in newest
-    ]
-    heads += [
-        f"{name}, all {len(trials)} trials, {sum(trial['judged'] for trial in trials)} cases"
-        for name, trials in generators.items()
-    ]
-    return _table(heads, [*newest, *generators.values()])
+    columns = {_head(name, "newest", newest(trials)): newest(trials) for name, trials in generators.items()}
+    return _table(columns | {_head(name, "all", trials): trials for name, trials in generators.items()})
 
 
 def trains_table(figures: Figures) -> str:
-    """Return the table of trains: a column for the newest trial, for all trials of each train, and for all; without
+    """Return the table of trains: a column for the `newest` trials, for all trials of each train, and for all; without
     rates of what no trial has."""
     trials = [trial for trial in figures["trials"] if _of_train(trial)]
     robots = sorted({trial["plan"]["robots"][0] for trial in trials})
-    of_each = [[trial for trial in trials if trial["plan"]["robots"][0] == robot] for robot in robots]
-    plan, judged = trials[0]["plan"], trials[0]["judged"]
-    heads = [f"{plan['robots'][0]}, seed {plan['seed']}, {judged} cases"]
-    heads += [
-        f"{name}, all {len(group)} trials, {sum(trial['judged'] for trial in group)} cases"
-        for name, group in zip([*robots, "trains"], [*of_each, trials], strict=True)
-    ]
-    columns = [trials[:1], *of_each, trials]
+    of_each = {robot: [trial for trial in trials if trial["plan"]["robots"][0] == robot] for robot in robots}
+    columns = {_head("trains", "newest", newest(trials)): newest(trials)}
+    columns |= {_head(name, "all", group): group for name, group in [*of_each.items(), ("trains", trials)]}
     empty = f"{' | '.join(['-'] * len(columns))} |"
-    return "".join(row for row in _table(heads, columns).splitlines(keepends=True) if not row.endswith(f"| {empty}\n"))
+    return "".join(row for row in _table(columns).splitlines(keepends=True) if not row.endswith(f"| {empty}\n"))
+
+
+def newest(trials: list[Figures]) -> list[Figures]:
+    """Return the newest trials, as few of them as have `ENOUGH` cases together, or all."""
+    cases = [trial["judged"] for trial in trials]
+    return trials[: 1 + next((k for k in range(len(cases)) if sum(cases[: k + 1]) >= ENOUGH), len(cases))]
+
+
+def _head(name: str, which: str, trials: list[Figures]) -> str:
+    return f"{name}, {which} {len(trials)} trials, {sum(trial['judged'] for trial in trials)} cases"
 
 
 def with_new(figures: Figures, new: list[Figures]) -> list[Figures]:
@@ -96,13 +97,16 @@ def _of_train(trial: Figures) -> bool:
     return trial["plan"]["robots"][0] in train_names()
 
 
-def _table(heads: list[str], columns: list[list[Figures]]) -> str:
-    """Return the table of rates; columns: the trials that each sums."""
-    rows = [["", *heads], ["---"] * (len(heads) + 1)]
-    for heading, what in _rates(columns[0][0]):
-        counted = [[of for trial in trials if (of := _rates(trial).get((heading, what)))] for trials in columns]
+def _table(columns: dict[str, list[Figures]]) -> str:
+    """Return the table of rates; columns: the trials that each sums, by its head."""
+    rows = [["", *columns], ["---"] * (len(columns) + 1)]
+    newest_of_all = next(iter(columns.values()))[0]
+    for heading, what in _rates(newest_of_all):
+        counted = [
+            [of for trial in trials if (of := _rates(trial).get((heading, what)))] for trials in columns.values()
+        ]
         rows.append([what.replace("  ", "– "), *map(_cell, counted)])
-    rows.append(["expected calibration error of reported probabilities", *map(_error, columns)])
+    rows.append(["expected calibration error of reported probabilities", *map(_error, columns.values())])
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
