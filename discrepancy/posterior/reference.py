@@ -25,7 +25,7 @@ from discrepancy.posterior.answers import SHOWN, Answer
 from discrepancy.posterior.calibrated import CREDIBLE, FAULT, FREEDOM, SIGNATURE, prior_log_odds
 from discrepancy.posterior.linearise import Linearised
 from discrepancy.posterior.priors import ALIKE, bounds_of, same_effects
-from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES
+from discrepancy.posterior.single_effects import LOG_WEIGHTS, SCALES, credible
 from estimators.calibration.maximum_likelihood.tracker import MOUNT
 from estimators.likelihood.measurements.poses import TIMED
 
@@ -148,11 +148,10 @@ def _or_rivals(answer: Answer, log_odds: dict[str, float]) -> Answer:
     """Return the answer on a change of the reference with its rivals in the credible set, if they belong there."""
     name, probability = answer.credible[0], answer.probability
     parts = dict(zip((name, *log_odds), probability * softmax([0.0, *log_odds.values()]), strict=True))
+    names = tuple(dict.fromkeys((name, *credible(parts))))
     likeliest = sorted(parts, key=lambda family: -parts[family])
-    needed = int(np.searchsorted(np.cumsum([parts[family] for family in likeliest]), min(CREDIBLE, probability))) + 1
-    credible = tuple(dict.fromkeys((name, *likeliest[:needed])))
-    shown = {family: float(parts[family]) for family in likeliest if family in credible or parts[family] > SHOWN}
-    return replace(answer, probabilities=shown | {"nothing": 1 - probability}, credible=credible)
+    shown = {family: float(parts[family]) for family in likeliest if family in names or parts[family] > SHOWN}
+    return replace(answer, probabilities=shown | {"nothing": 1 - probability}, credible=names)
 
 
 def _alone(looks: Array, k: int) -> bool:

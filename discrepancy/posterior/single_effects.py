@@ -8,7 +8,7 @@ evidence lower bound is returned. Components are taken for independent; for the 
 components are integrated out, as intervals of correlated effects would be too narrow.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -101,17 +101,18 @@ class Posterior:
         return dict(sorted(((name, 1 - part) for name, part in absent.items()), key=lambda entry: -entry[1]))
 
     def credible_set(self, component: Component) -> tuple[str, ...]:
-        """Return the smallest set of names that together have the probability `CREDIBLE` in a component, given that
-        there is an effect; empty if "nothing" has a probability above 1 - `CREDIBLE`."""
+        """Return the `credible` names of a component, given that there is an effect; empty if "nothing" has a
+        probability above 1 - `CREDIBLE`."""
         if component.nothing > 1 - CREDIBLE:
             return ()
-        left, names = CREDIBLE * (1 - component.nothing), []
-        for name, probability in self.probabilities(component).items():
-            names.append(name)
-            left -= probability
-            if left <= 0:
-                break
-        return tuple(names)
+        return credible(self.probabilities(component))
+
+
+def credible(probabilities: Mapping[str, float]) -> tuple[str, ...]:
+    """Return the smallest set of names that together have `CREDIBLE` of the probability of all, the likeliest first."""
+    names = sorted(probabilities, key=lambda name: -probabilities[name])
+    part = np.cumsum([probabilities[name] for name in names])
+    return tuple(names[: 1 + int(np.searchsorted(part, CREDIBLE * part[-1]))])
 
 
 class _Group(NamedTuple):
