@@ -49,6 +49,7 @@ DIAGNOSIS = {
     "names": {LONG: LONG},
     "gap": [[0.01, 0.01], [0.001, 0.001]],
     "held_out_gap": [[0.01, 0.01], [0.001, 0.001]],
+    "clean_gap": [0.001, 0.001],
     "noise": {"position_m": 1e-4, "heading_rad": 1e-4, "poses": 1000},
     "logs": [f"{LONG}/log.csv"],
     "held_out_logs": [],
@@ -107,6 +108,11 @@ def opened(browser, site):
 
 def pages(site):
     return sorted(path.relative_to(site).as_posix() for path in site.rglob("*.html"))
+
+
+def test_all_pages_can_be_made(site):
+    """Without a browser, too."""
+    assert {"index.html", "single.html", "diagnosis.html"} <= set(pages(site))
 
 
 def test_no_page_complains_asks_a_network_or_runs_the_scripts_of_names(opened, browser, site):
